@@ -6,6 +6,7 @@ files.
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -15,7 +16,14 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_server.render.projection.atlas import Atlas
-from catoptra_server.render.raster.device import GLSL_VERSION, Definitions, load_source, set_uniform
+from catoptra_server.render.raster.device import (
+    GL_LIBRARY,
+    GLSL_VERSION,
+    Definitions,
+    load_source,
+    set_uniform,
+)
+from catoptra_server.render.raster.scene_batches import ImageTexture
 
 _MAINS = Path(__file__).parent.parent / "twins" / "shaders"
 
@@ -28,7 +36,7 @@ def evaluate_shader(
     inputs: tuple[Floats, ...],
     uniforms: Mapping[str, npt.ArrayLike] | None = None,
     define: Definitions = (),
-    texture: moderngl.Texture | None = None,
+    texture: ImageTexture | None = None,
 ) -> Floats:
     """(n, 4) outputs of a main function for (n, <= 4) inputs `input_0`, `input_1`, ...
 
@@ -56,6 +64,18 @@ def evaluate_shader(
     context.vertex_array(program, []).render(vertices=3)
     read = np.frombuffer(target.read(components=4, dtype="f4"), dtype=np.float32)
     return read.reshape(-1, 4)[:count].astype(np.float64)
+
+
+def read_texels(texture: ImageTexture, level: int, shape: tuple[int, ...]) -> npt.NDArray[np.uint8]:
+    """Bytes of a level of a texture as (h, w, 3) texels."""
+    texels = np.zeros(shape, dtype=np.uint8)
+    library = ctypes.CDLL(GL_LIBRARY)
+    texture.use()
+    library.glPixelStorei(0x0D05, 1)  # GL_PACK_ALIGNMENT
+    # GL_TEXTURE_2D, GL_RGB, GL_UNSIGNED_BYTE.
+    target = texels.ctypes.data_as(ctypes.c_void_p)
+    library.glGetTexImage(0x0DE1, level, 0x1907, 0x1401, target)
+    return texels
 
 
 # Inputs stand in rows of this many texels: a single row would end at the largest texture.

@@ -302,7 +302,7 @@ def _concatenate_parts(parts: list[MeshPart], items: tuple[Item, ...]) -> SceneM
         uv=_concatenate([look.uv for look in looks])
         if textures
         else no_texture_coordinates(sum(counts)),
-        albedo=_concatenate([look.albedo for look in looks]),
+        albedo=_concatenate_albedos([look.albedo for look in looks]),
         corner_albedo=_concatenate_corner_albedos(looks),
         emission=_repeat_rows([look.emission for look in looks], counts),
         gloss=_repeat_rows([look.gloss for look in looks], counts),
@@ -337,6 +337,15 @@ def _repeat(values: list[int], counts: Sequence[int]) -> npt.NDArray[np.int32]:
 def _concatenate(arrays: list[Floats]) -> Floats:
     """All rows; the array itself where there is one, so that a large mesh is not copied."""
     return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+
+
+def _concatenate_albedos(albedos: list[Floats]) -> Floats:
+    """All rows; one row, repeated without memory, where textures alone have colours."""
+    rows = [albedo[:1] for albedo in albedos if len(albedo)]
+    is_one = all(len(albedo) == 1 or albedo.strides[0] == 0 for albedo in albedos if len(albedo))
+    if not rows or not is_one or not all(np.array_equal(row, rows[0]) for row in rows):
+        return _concatenate(albedos)
+    return np.broadcast_to(rows[0], (sum(map(len, albedos)), 3))
 
 
 def _concatenate_corner_albedos(looks: list[MeshAppearance]) -> Floats | None:

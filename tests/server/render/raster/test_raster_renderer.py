@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image as PillowImage
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.cube_map import Face
 from catoptra_protocol.optics.mirrors import ParabolicMirror
+from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.raster import RasterRenderer, scene_buffers
 from catoptra_server.render.raster.device import GlDevice
-from catoptra_server.render.renderer import FaceCamera, Image, MirrorSurface, PerPixel
+from catoptra_server.render.raster.scene_batches import ImageTexture
+from catoptra_server.render.renderer import FaceCamera, Image, MirrorSurface, PerPixel, View
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_server.world.objects import CameraState
-from catoptra_server.world.world_description import Box, Item, Material, World
+from catoptra_server.world.world_description import Box, Item, Material, Rectangle, World
 from helpers.opengl import make_raster
 from helpers.worlds import CAMERA_STATE, HEMISPHERE_LIGHT, make_omni_camera, make_plan
 
@@ -138,3 +144,52 @@ def test_renderer_is_rejected_in_another_thread(renderer: RasterRenderer) -> Non
     thread.start()
     thread.join()
     assert "thread" in str(errors[0])
+
+
+LENS = PerspectiveCamera(80, 60, 1.2)
+
+
+def prepare_lens(renderer: RasterRenderer) -> View:
+    return renderer.prepare_perspective(LENS, 2)
+
+
+def prepare_mirror(renderer: RasterRenderer) -> View:
+    return renderer.prepare(CAMERA, make_plan(CAMERA, samples=2))
+
+
+# Of what looks down: a mirror, and a lens that is turned so.
+@pytest.mark.parametrize(("prepare", "pitch_rad"), [(prepare_mirror, 0.2), (prepare_lens, -1.4)])
+def test_levels_of_a_large_scene_are_uploaded_where_a_frame_reads_them(
+    device: GlDevice,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    prepare: Callable[[RasterRenderer], View],
+    pitch_rad: float,
+) -> None:
+    noise = np.random.default_rng(39).integers(0, 256, (512, 256, 3), dtype=np.uint8)
+    PillowImage.fromarray(noise).save(tmp_path / "noise.png")
+    look = Material((0.9, 0.9, 0.9), tmp_path / "noise.png")
+    # Steps of a texel are longer one way than the other.
+    floor = Item("floor", Rectangle((6, 9), (3, 3)), Pose.from_rpy((0, 0, 0), (0.2, 0, 0)), look)
+    world = World("floor", (floor,), lights=(HEMISPHERE_LIGHT,))
+    written: list[tuple[int, int]] = []
+
+    def record(texture: ImageTexture, levels: Any, first: int = 0) -> None:
+        written.append((len(levels), first))
+        write(texture, levels, first)
+
+    write = ImageTexture.write
+    whole = prepare(make_raster(device, world))
+    monkeypatch.setattr(ImageTexture, "write", record)
+    monkeypatch.setattr(scene_buffers, "MAX_LIGHT_TEXELS", 256 * 512 - 1)
+    needed = prepare(make_raster(device, world))
+    for height_m in (40.0, 20.0, 9.0, 4.0, 2.5, 1.0, 30.0):
+        state = CameraState(Pose.from_rpy((0.3, 0.2, -height_m), (0.1, pitch_rad, 0.3)))
+        image = needed.render(state).rgb
+        np.testing.assert_array_equal(image, whole.render(state).rgb)
+        assert np.ptp(image) > 20
+    firsts = [first for _, first in written]
+    assert firsts == sorted(set(firsts), reverse=True)
+    assert all(number == 10 - first for number, first in written)
+    assert firsts[0] > 3
+    assert firsts[-1] <= 1

@@ -6,18 +6,16 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-import moderngl
 import numpy as np
 import pytest
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.raster import scene_batches, scene_buffers, shadow_maps
 from catoptra_server.render.raster.device import GlDevice, ShaderPrograms
+from catoptra_server.render.raster.scene_batches import ImageTexture
 from catoptra_server.render.raster.scene_buffers import SceneBuffers
 from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
-from catoptra_server.world.textures import Texture, TextureSampling
 from catoptra_server.world.world_description import World
 from helpers.dynamic_objects import TWO_ROBOTS
 from helpers.shadows import DIM_HEMISPHERE_LIGHT, box_item, floor_item, make_world
@@ -103,12 +101,12 @@ def test_textures_are_on_the_device_once_for_both_lightings_and_shadow_maps(
 ) -> None:
     uploaded = []
 
-    def record(context: moderngl.Context, image: Texture, *rest: TextureSampling) -> Any:
-        uploaded.append(image)
-        return scene_batches.upload_texture(context, image, *rest)
+    def record(texture: ImageTexture, levels: Any, first: int = 0) -> None:
+        uploaded.append(texture.image)
+        write(texture, levels, first)
 
-    for module in (scene_buffers, shadow_maps):
-        monkeypatch.setattr(module, "upload_texture", record)
+    write = ImageTexture.write
+    monkeypatch.setattr(ImageTexture, "write", record)
     world = make_test_world(
         lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT),
         texture=write_smooth_texture(tmp_path / "waves.png"),

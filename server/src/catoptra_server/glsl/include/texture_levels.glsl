@@ -9,6 +9,7 @@ uniform vec2 log_spacing[SPACING_TERMS];
 uniform vec3 spacing_axis;           // unit, world axes
 uniform vec2 cosine_limits;          // smallest and largest in the image
 uniform float has_spacing;           // 0: samples are the fragments themselves
+uniform vec2 missing_levels = vec2(0.0, 1.0);   // finer than the texture's first, and 2 to that power
 
 const float MAX_STRETCH = 3.0;
 
@@ -49,7 +50,7 @@ mat2 steps_of_samples(mat2 fragment_steps, vec3 direction, vec3 right, vec3 down
 vec3 texture_mean(sampler2D image, vec2 coordinates, vec3 offset)
 {
     vec3 direction = normalize(offset);
-    vec2 size = vec2(textureSize(image, 0));
+    vec2 size = vec2(textureSize(image, 0)) * missing_levels.y;
     mat2 fragment_steps = mat2(dFdx(coordinates) * size, dFdy(coordinates) * size);
     float footprint = footprint_of(fragment_steps);
     if (has_spacing > 0.0)
@@ -62,5 +63,5 @@ vec3 texture_mean(sampler2D image, vec2 coordinates, vec3 offset)
         return textureLod(image, coordinates, 0.0).rgb;
     float level = floor(log2(footprint));
     float weight = max(2.0 * footprint * exp2(-level) - 3.0, 0.0);
-    return textureLod(image, coordinates, level + weight).rgb;
+    return textureLod(image, coordinates, level + weight - missing_levels.x).rgb;
 }

@@ -61,6 +61,13 @@ class LensProjection:
         return np.stack((focal_x * right, focal_y * down, forward))
 
     @property
+    def least_spacing_rad(self) -> float:
+        """Smallest angle between neighbouring texels: the radial one in the corners."""
+        focal_px = self.camera.focal_length_px
+        squared_px = 0.25 * (self.camera.width_px**2 + self.camera.height_px**2)
+        return focal_px / (focal_px**2 + squared_px) / self.samples
+
+    @property
     def _normalized_focal_lengths(self) -> tuple[float, float]:
         """Focal length in units of half the image's width and of half the image's height."""
         focal = 2.0 * self.camera.focal_length_px

@@ -275,6 +275,11 @@ class SampleSpacing:
     cosine_limits: tuple[float, float]
     """Smallest and largest cosine in the image, where the polynomials' variable is -1 and 1."""
 
+    @property
+    def least_rad(self) -> float:
+        """Smallest angle of all."""
+        return float(self.at(np.linspace(*self.cosine_limits, 64)).min())
+
     def at(self, cosine: Floats) -> Floats:
         """(n, 2) radial and tangential angles between samples, rad; float64 twin of the shader."""
         low, high = self.cosine_limits

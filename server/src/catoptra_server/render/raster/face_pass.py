@@ -13,6 +13,7 @@ import numpy as np
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.projection.atlas import Atlas, AtlasCell
 from catoptra_server.render.projection.frustum import LensProjection
@@ -69,6 +70,9 @@ class FacePass(Generic[_LayoutT]):
         self._context = context
         self._scene = scene
         self._spacing = spacing
+        self._least_rad = 0.0 if spacing is None else spacing.least_rad
+        if isinstance(atlas, LensProjection):
+            self._least_rad = atlas.least_spacing_rad
         self.atlas = atlas
         self._clip_from_mirror = np.stack([cell.clip_from_mirror for cell in atlas.cells])
         self._texels = sum(cell.width * cell.height for cell in atlas.cells)
@@ -102,6 +106,15 @@ class FacePass(Generic[_LayoutT]):
 
     def draw(self, camera_state: CameraState) -> None:
         """Render the faces from the viewpoint of a camera state."""
+        viewpoint = camera_state.world_from_mirror.translation - self._scene.origin
+        self._scene.textures.refine(viewpoint, self._least_rad)
+        self._draw(camera_state)
+
+    def compile(self) -> None:
+        """Let the driver compile all programs, by a frame of no content at the scene's centre."""
+        self._draw(CameraState(Pose.from_rpy(self._scene.origin)))
+
+    def _draw(self, camera_state: CameraState) -> None:
         pose = camera_state.world_from_mirror
         viewpoint = pose.translation - self._scene.origin
         scene = self._scene.with_lighting(camera_state)

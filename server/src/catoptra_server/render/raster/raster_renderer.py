@@ -40,6 +40,9 @@ from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import Light, World
 
+# Beyond all worlds, with all of them in view.
+_FAR_M = 1e6
+
 
 class RasterRenderer:
     """A scene on an OpenGL device."""
@@ -108,8 +111,8 @@ class RasterRenderer:
                 context, self._programs, camera, plan.surface, faces.atlas, plan.samples
             )
             undo.callback(lookup_map.release)
-            # Compiles the programs of the scene now: the first frame must not wait for the driver.
-            faces.draw(CameraState(Pose.from_rpy(self._scene.origin)))
+            # Now: the first frame must not wait for the driver.
+            faces.compile()
             # All built: from here on the view frees these resources.
             undo.pop_all()
 
@@ -202,9 +205,10 @@ class RasterRenderer:
         view = self._make_view(passes)
         view.prepare_plain()
         # A zoom of a camera leaves nothing to compile. Else one discarded frame: drivers finish
-        # compiling at a program's first draw call.
+        # compiling at a program's first draw call. From far away: it needs no image's finer levels.
         if self.program_names != names_before:
-            view.render(CameraState(Pose.from_rpy(self._scene.origin)))
+            far = self._scene.origin - _FAR_M * cell.mirror_from_camera[:, 0]
+            view.render(CameraState(Pose.from_rpy(far)))
         return view
 
     def _make_view(self, passes: ViewPasses) -> RasterView:

@@ -10,6 +10,7 @@ drawn with one, white for triangles without, texture by texture.
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -28,6 +29,7 @@ from catoptra_server.render.projection.large_triangles import (
     TrianglePieces,
 )
 from catoptra_server.render.raster.device import (
+    GL_LIBRARY,
     SPLIT_FORMAT,
     Definitions,
     ProgramSpec,
@@ -59,9 +61,12 @@ _COLOURED_CORNERS: Definitions = (("COLOURED_CORNERS", 1),)
 _OCCLUDED: Definitions = (("OCCLUDED", 1),)
 # Units 0 to 2 have textures and shadow maps.
 _OCCLUSION_UNIT = 3
-# GL_SRGB8: the sampler turns texels into linear light and filters then.
-_SRGB8 = 0x8C41
-_SRGB8_ALPHA8 = 0x8C43
+# By channels: GL_SRGB8, whose texels the sampler turns into linear light and filters then, and
+# GL_RGB; the same with alpha.
+_FORMATS = {3: (0x8C41, 0x1907), 4: (0x8C43, 0x1908)}
+_GL_TEXTURE_2D, _GL_UNSIGNED_BYTE, _GL_UNPACK_ALIGNMENT = 0x0DE1, 0x1401, 0x0CF5
+# Their light stays in the cache of a processor.
+_TEXELS_AT_ONCE = 2**14
 _VertexAttribute = tuple[moderngl.Buffer, str]
 """Buffer and its format."""
 
@@ -109,7 +114,7 @@ class SceneBatches:
         *,
         position: moderngl.Buffer,
         lighting: FacetLighting,
-        textures: Sequence[moderngl.Texture],
+        textures: Sequence[ImageTexture],
     ) -> None:
         """Upload the attributes.
 
@@ -271,7 +276,7 @@ class SceneBatches:
             if batch.program.get("sky_up", None) is not None:
                 self._lighting.set_lights(batch.program)
             if batch.texture is not None:
-                batch.texture.use(0)
+                batch.texture.use_in(batch.program)
             for first, count in runs:
                 batch.vertices.render(vertices=3 * count, first=3 * first)
             calls += len(runs)
@@ -323,7 +328,7 @@ class Batch:
     """Attributes of all triangles, for vertex arrays."""
     vertices: moderngl.VertexArray
     """The attributes, bound to the program that draws the batch."""
-    texture: moderngl.Texture | None
+    texture: ImageTexture | None
     """Albedo texture, None without one."""
 
     @property
@@ -378,51 +383,83 @@ def append_values(
     buffer.write(data, offset=start)
 
 
-def upload_texture(
-    context: moderngl.Context,
-    image: Texture,
-    sampling: TextureSampling = REPEATED,
-    coarser: Sequence[bytes] | None = None,
-) -> moderngl.Texture:
-    """Texture that is continued and filtered as `world/textures.py:sample_levels` does.
+class ImageTexture:
+    """An image on the device, continued and filtered as `world/textures.py:sample_levels` does.
 
     Row 0 of the image is row 0 of the texture, so (0, 0) is the image's top left corner.
-
-    Args:
-        context: OpenGL context.
-        image: Bytes of sRGB.
-        sampling: How it is continued and filtered.
-        coarser: What `encode_levels` returns for the image; None to encode the levels here.
     """
-    height, width, channels = image.shape
-    texture = context.texture(
-        (width, height),
-        channels,
-        np.ascontiguousarray(image),
-        internal_format=_SRGB8 if channels == 3 else _SRGB8_ALPHA8,
-        alignment=1,
-    )
-    # The driver's levels take the place of ours, whose means are of linear light and of all texels.
-    coarser = encode_levels(image) if coarser is None else coarser
-    texture.build_mipmaps(0, len(coarser))
-    for number, texels in enumerate(coarser, start=1):
-        texture.write(texels, level=number)
-    nearest = moderngl.LINEAR if sampling.has_filter else moderngl.NEAREST
-    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, nearest)
-    texture.repeat_x, texture.repeat_y = not sampling.clamps_u, not sampling.clamps_v
+
+    def __init__(
+        self, context: moderngl.Context, image: Texture, sampling: TextureSampling = REPEATED
+    ) -> None:
+        """Make a texture without any level.
+
+        Args:
+            context: OpenGL context.
+            image: Bytes of sRGB.
+            sampling: How it is continued and filtered.
+        """
+        self.image = image
+        self._format = _FORMATS[image.shape[-1]]
+        # Of one texel: a whole image would be allocated without its levels, then once more.
+        self._texture = context.texture((1, 1), image.shape[-1], internal_format=self._format[0])
+        nearest = moderngl.LINEAR if sampling.has_filter else moderngl.NEAREST
+        self._texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, nearest)
+        self._texture.repeat_x, self._texture.repeat_y = (
+            not sampling.clamps_u,
+            not sampling.clamps_v,
+        )
+        self._missing = (0.0, 1.0)
+
+    def write(self, levels: Sequence[npt.NDArray[np.uint8]], first: int = 0) -> None:
+        """Write the levels from one on, which take the place of all that there were."""
+        self.use()
+        # moderngl writes level by level only what the driver has computed already: 13 ms an image.
+        library = ctypes.CDLL(GL_LIBRARY)
+        library.glPixelStorei(_GL_UNPACK_ALIGNMENT, 1)
+        for number, level in enumerate(levels):
+            size = level.shape[1::-1]
+            library.glTexImage2D(
+                *(_GL_TEXTURE_2D, number, self._format[0], *size, 0, self._format[1]),
+                *(_GL_UNSIGNED_BYTE, level.ctypes.data_as(ctypes.c_void_p)),
+            )
+        self._missing = (float(first), 2.0**first)
+
+    def use(self, unit: int = 0) -> None:
+        """Bind the texture to a unit."""
+        self._texture.use(unit)
+
+    def use_in(self, program: moderngl.Program) -> None:
+        """Bind the texture to unit 0 for a program."""
+        self.use()
+        if program.get("missing_levels", None) is not None:
+            set_uniform(program, "missing_levels", self._missing)
+
+    def release(self) -> None:
+        """Free the texture."""
+        self._texture.release()
+
+
+def upload_texture(
+    context: moderngl.Context, image: Texture, sampling: TextureSampling = REPEATED
+) -> ImageTexture:
+    """Texture of all levels of an image."""
+    texture = ImageTexture(context, image, sampling)
+    texture.write(encode_levels(image))
     return texture
 
 
-def encode_levels(image: Texture) -> list[bytes]:
-    """Texels of an image's coarser levels; by any thread, since OpenGL has no part in it."""
-    levels = []
-    for level in build_levels(image)[1:]:
+def encode_levels(image: Texture, first: int = 0) -> list[npt.NDArray[np.uint8]]:
+    """sRGB of an image's levels, from one on; by any thread, since OpenGL has no part in it."""
+    levels = [np.ascontiguousarray(image)]
+    for level in build_levels(image)[max(first, 1) :]:
         encoded = np.zeros(level.shape, dtype=np.uint8)
-        for row, light in zip(encoded, level, strict=True):
-            row[:] = _encode_srgb(light)
+        step = max(1, _TEXELS_AT_ONCE // level.shape[1])
+        for start in range(0, len(level), step):
+            encoded[start : start + step] = _encode_srgb(level[start : start + step])
         encoded[..., 3:] = np.rint(255.0 * level[..., 3:])
-        levels.append(encoded.tobytes())
-    return levels
+        levels.append(encoded)
+    return levels[first > 0 :]
 
 
 def _encode_srgb(light: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
@@ -529,7 +566,7 @@ class DynamicObjectBuffer:
         self._is_bent = False
         # Likewise: some object has textures.
         self._is_textured = False
-        self._textures: dict[ObjectMesh | None, list[moderngl.Texture]] = {}
+        self._textures: dict[ObjectMesh | None, list[ImageTexture]] = {}
         self._large_triangles: dict[ObjectMesh, LargeTriangles] = {}
 
     @property
@@ -572,7 +609,7 @@ class DynamicObjectBuffer:
             self._is_bent, self._is_textured = is_bent, is_textured
         data: list[Floats] = []
         owners: list[DynamicObject] = []
-        textures: list[moderngl.Texture | None] = []
+        textures: list[ImageTexture | None] = []
         for dynamic_object in objects:
             for texture, values in self._vertex_data(dynamic_object, viewpoint):
                 data.append(values)
@@ -586,7 +623,7 @@ class DynamicObjectBuffer:
         )
         self._write_vertices(np.concatenate(data))
 
-    def _find_textures(self, mesh: ObjectMesh | None) -> list[moderngl.Texture]:
+    def _find_textures(self, mesh: ObjectMesh | None) -> list[ImageTexture]:
         """Textures of a mesh; one white texture for None."""
         if mesh not in self._textures:
             white = np.full((1, 1, 3), 255, dtype=np.uint8)
@@ -598,7 +635,7 @@ class DynamicObjectBuffer:
 
     def _vertex_data(
         self, dynamic_object: DynamicObject, viewpoint: Floats
-    ) -> Iterator[tuple[moderngl.Texture | None, Floats]]:
+    ) -> Iterator[tuple[ImageTexture | None, Floats]]:
         """Yield textures, and (3 n, k) attributes of their corners, split positions first."""
         world_facets_of = world_facets(dynamic_object)
         attributes = [facet_radiance(world_facets_of, self._lighting.constant_lights)]
@@ -688,7 +725,7 @@ class DynamicObjectBuffer:
         for texture in dict.fromkeys(spheres.textures):
             has_texture = np.array([one is texture for one in spheres.textures])
             if texture is not None:
-                texture.use(0)
+                texture.use_in(self._vertices.program)
             for first, count in visible_runs(visible & has_texture, spheres.offsets):
                 self._vertices.render(vertices=3 * count, first=3 * first)
                 calls, triangles = calls + 1, triangles + count
@@ -730,5 +767,5 @@ class _BoundingSpheres:
     """(n,) radii, metres."""
     offsets: Indices
     """(n + 1,) first triangle of each object, and the number of all."""
-    textures: list[moderngl.Texture | None]
+    textures: list[ImageTexture | None]
     """Texture of each; objects with several are listed once for each."""

@@ -9,10 +9,12 @@ adds the unshadowed part of the other lights.
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import ThreadPoolExecutor
 
 import moderngl
 import numpy as np
+import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
 from catoptra_protocol.optics.numerics import Bools, Floats
@@ -29,15 +31,19 @@ from catoptra_server.render.raster.device import (
 from catoptra_server.render.raster.scene_batches import (
     DynamicObjectBuffer,
     FacetLighting,
+    ImageTexture,
     SceneBatches,
     append_values,
     encode_levels,
     has_filter,
-    upload_texture,
     upload_values,
 )
 from catoptra_server.render.raster.shadow_maps import ShadowMaps
-from catoptra_server.runtime.memory import count_processors
+from catoptra_server.runtime.memory import (
+    MAX_LIGHT_TEXELS,
+    count_processors,
+    release_freed_memory,
+)
 from catoptra_server.world.objects import CameraState, FogMedium
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import (
@@ -46,7 +52,8 @@ from catoptra_server.world.shading import (
     point_lights,
     shadow_casting_lights,
 )
-from catoptra_server.world.triangles import make_clusters
+from catoptra_server.world.textures import Texture
+from catoptra_server.world.triangles import TriangleClusters, make_clusters
 from catoptra_server.world.world_description import Light, PointLight, World
 
 # Two vec3 a light, each as large as a vec4, in the 1024 uniform components that OpenGL 3.3
@@ -115,6 +122,92 @@ class LitScene:
             self.maps.close()
 
 
+class SceneTextures:
+    """Images of a static scene on the device.
+
+    Levels of a large scene's images are there once a frame reads them: most of a house's walls are
+    too far away for the image itself, three quarters of all texels. A sample's footprint, in
+    texels, is at least the angle between samples times the distance over the size of a texel: a
+    surface that is turned away has larger steps, and of these the shorter counts at least once.
+    """
+
+    def __init__(
+        self, context: moderngl.Context, scene: SceneMesh, clusters: TriangleClusters
+    ) -> None:
+        """Upload the images, but of a large scene only what has an opacity, which holes look up.
+
+        Args:
+            context: OpenGL context.
+            scene: Triangles and images.
+            clusters: The triangles, grouped by image, after a group without any.
+        """
+        looks = zip(scene.textures, scene.samplings, strict=True)
+        self.images = [ImageTexture(context, *look) for look in looks]
+        """In the order of the scene's."""
+        self._clusters = clusters
+        is_large = sum(math.prod(image.shape[:2]) for image in scene.textures) > MAX_LIGHT_TEXELS
+        coarsest = [_count_halvings(image) * is_large for image in scene.textures]
+        self._coarsest = np.array(coarsest, dtype=np.intp)
+        self._first = np.where(self._coarsest > 0, self._coarsest + 1, 0)
+        self._write(np.flatnonzero(self._coarsest == 0))
+        if self._coarsest.any():
+            sizes = _texel_sizes(scene)[clusters.order]
+            self._texel_m = np.maximum.reduceat(sizes, clusters.offsets[:-1])
+
+    def refine(self, viewpoint: Floats, least_rad: float) -> None:
+        """Upload the levels that a frame may read and that are not there.
+
+        Args:
+            viewpoint: (3,) position in the scene's frame.
+            least_rad: Smallest angle between two samples of the image, rad; 0: unknown.
+        """
+        if not self._first.any():
+            return
+        footprints = least_rad * self._clusters.distances(viewpoint) / self._texel_m
+        by_group = np.full(len(self.images) + 1, np.inf)
+        np.minimum.at(by_group, self._clusters.groups, footprints)
+        # A fifth is for the polynomials' error, the fragments' derivatives and the next frames.
+        levels = np.log2(np.clip(0.8 * by_group[1:], 1.0, 2.0**20)).astype(np.intp)
+        first = np.minimum(np.minimum(levels, self._coarsest), self._first)
+        stale = np.flatnonzero(first < self._first)
+        self._first = first
+        self._write(stale)
+
+    def _write(self, numbers: npt.NDArray[np.intp]) -> None:
+        """Upload images from their first levels on."""
+        first = self._first.tolist()
+        with ThreadPoolExecutor(count_processors()) as pool:
+            chosen = [(self.images[number], first[number]) for number in numbers]
+            encoded = pool.map(lambda one: encode_levels(one[0].image, one[1]), chosen)
+            for (image, level), levels in zip(chosen, encoded, strict=True):
+                image.write(levels, level)
+        if self._coarsest.any() and len(chosen):
+            release_freed_memory()
+
+
+def _count_halvings(image: Texture) -> int:
+    """How often both sides have a half; 0 with opacity."""
+    height, width, channels = image.shape
+    sides = height | width
+    return (sides & -sides).bit_length() - 1 if channels == 3 else 0
+
+
+def _texel_sizes(scene: SceneMesh) -> Floats:
+    """(n,) upper bounds of the sides of a texel on each triangle, m; inf where it is a line."""
+    sides = np.array([(1.0, 1.0), *(image.shape[1::-1] for image in scene.textures)])
+    edges = scene.corners[:, 1:] - scene.corners[:, :1]
+    texels = (scene.uv[:, 1:] - scene.uv[:, :1]) * sides[scene.texture_index + 1][:, None]
+    (a, b), (c, d) = texels.transpose(1, 2, 0)
+    first, second = edges.transpose(1, 2, 0)
+    area = np.abs(a * d - b * c)
+    # The longest vector that a step of one texel in any direction becomes.
+    steps = np.square(d * first - b * second) + np.square(a * second - c * first)
+    length = np.sqrt(steps.sum(axis=0))
+    sizes = np.where(area > 0.0, length / np.where(area > 0.0, area, 1.0), np.inf)
+    # A line, or what has no texture, is as good as none.
+    return np.where(scene.texture_index < 0, 0.0, sizes).clip(min=1e-9)
+
+
 class SceneBuffers:
     """Vertex buffers, textures and programs of one world."""
 
@@ -173,10 +266,7 @@ class SceneBuffers:
         self._pieces: TrianglePieces | None = None
         self._position = upload_values(context, split_positions(corners[self.clusters.order]))
         # Held once, for the batches of both lightings and for shadow maps.
-        with ThreadPoolExecutor(count_processors()) as pool:
-            levels = pool.map(encode_levels, scene.textures)
-            looks = zip(scene.textures, scene.samplings, levels, strict=True)
-            self._textures = [upload_texture(context, *look) for look in looks]
+        self.textures = SceneTextures(context, scene, self.clusters)
         self.plain = LitScene(
             self._make_batches(lighting),
             DynamicObjectBuffer(context, programs, object_lighting, self.origin),
@@ -195,7 +285,7 @@ class SceneBuffers:
             self.clusters,
             position=self._position,
             lighting=lighting,
-            textures=self._textures,
+            textures=self.textures.images,
         )
 
     def split_large_triangles(self, viewpoint: Floats) -> TrianglePieces:
@@ -235,7 +325,7 @@ class SceneBuffers:
             self._scene,
             shadow_casting_lights(lights),
             origin=self.origin,
-            textures=self._textures,
+            textures=self.textures.images,
         )
         lighting = FacetLighting(hemisphere_lights(lights), maps.definitions)
         sky = hemisphere_lights(object_lights(self._world))
@@ -249,7 +339,7 @@ class SceneBuffers:
         if self._shadowed is not None:
             self._shadowed.close()
         self._position.release()
-        for texture in (*self._textures, *((self.sky,) if self.sky else ())):
+        for texture in (*self.textures.images, *((self.sky,) if self.sky else ())):
             texture.release()
 
 

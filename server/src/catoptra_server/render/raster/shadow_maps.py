@@ -33,7 +33,12 @@ from catoptra_server.render.raster.device import (
     set_sampler,
     set_uniform,
 )
-from catoptra_server.render.raster.scene_batches import FILTERED, upload_texture, upload_values
+from catoptra_server.render.raster.scene_batches import (
+    FILTERED,
+    ImageTexture,
+    upload_texture,
+    upload_values,
+)
 from catoptra_server.world.objects import DynamicObject
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import ShadowCastingLight
@@ -65,7 +70,7 @@ class ShadowMaps:
         lights: tuple[ShadowCastingLight, ...],
         *,
         origin: Floats,
-        textures: Sequence[moderngl.Texture] = (),
+        textures: Sequence[ImageTexture] = (),
     ) -> None:
         """Draw the maps of the static scene.
 
@@ -138,7 +143,7 @@ class ShadowMaps:
         return maps
 
     def _draw_scene(
-        self, scene: SceneMesh, textures: Sequence[moderngl.Texture]
+        self, scene: SceneMesh, textures: Sequence[ImageTexture]
     ) -> tuple[ShadowProjection, ...]:
         """Fit and draw the maps of the static scene."""
         casting = scene.casts_shadows
@@ -165,8 +170,8 @@ class ShadowMaps:
         return projections
 
     def _group_holes(
-        self, scene: SceneMesh, textures: Sequence[moderngl.Texture]
-    ) -> list[tuple[Floats, moderngl.Texture]]:
+        self, scene: SceneMesh, textures: Sequence[ImageTexture]
+    ) -> list[tuple[Floats, ImageTexture]]:
         """(k, 3, 6) positions, texture coordinates and coverage of casters with holes, by texture.
 
         The first of the textures is that of triangles without one.
@@ -207,13 +212,13 @@ class ShadowMaps:
         maps: moderngl.Texture,
         projections: tuple[ShadowProjection, ...],
         corners: Floats,
-        holed: Sequence[tuple[Floats, moderngl.Texture]] = (),
+        holed: Sequence[tuple[Floats, ImageTexture]] = (),
     ) -> None:
         """Draw (n, 3, 3) triangles, and those of `_group_holes`, as each light sees them."""
         context = self._context
         buffers = [upload_values(context, values) for values in (corners, *(v for v, _ in holed))]
         solid = context.vertex_array(self._program, [(buffers[0], "3f", "position")])
-        draws: list[tuple[moderngl.VertexArray, moderngl.Texture | None]] = [(solid, None)]
+        draws: list[tuple[moderngl.VertexArray, ImageTexture | None]] = [(solid, None)]
         for buffer, (_, albedo) in zip(buffers[1:], holed, strict=True):
             program = self._programs.get(ProgramSpec("shadow", "shadow", FILTERED))
             layout = (buffer, "3f 3f", "position", "uv_coverage")
