@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from concurrent import futures
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -112,10 +113,13 @@ def read_world(path: Path) -> tuple[World, IniFile]:
     lights = [_read_light(light, has_areas=light_bake) for light in section.get_structs("Lights")]
     constant = [light for light in lights if not isinstance(light, RectangleLight)]
     areas = tuple(light for light in lights if isinstance(light, RectangleLight))
-    if section.has_key("Scenery"):
-        items, lamps = _add_scenery(section, items)
-        areas = (*areas, *lamps) if light_bake else areas
-    background, sky, lights_of_sky = _read_background(section, path.parent)
+    with futures.ThreadPoolExecutor(1) as pool:
+        # A new sky takes as long as the furniture, and leaves the interpreter to it.
+        reading = pool.submit(_read_background, section, path.parent)
+        if section.has_key("Scenery"):
+            items, lamps = _add_scenery(section, items)
+            areas = (*areas, *lamps) if light_bake else areas
+        background, sky, lights_of_sky = reading.result()
     world = World(
         name=name,
         items=items,

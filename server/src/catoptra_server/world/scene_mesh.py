@@ -69,6 +69,9 @@ from catoptra_server.world.world_description import (
 )
 
 log = logging.getLogger(__name__)
+# Normals turned in the world differ by rounding from those of their facets. Half of what the
+# laboratory shows was lit ray by ray for it.
+_MAX_FLAT_TURN = 1e-9
 _DROPPED_LAYERS = (
     f"more than {MAX_LAYERS} surfaces that blend lie behind one another: the nearest {MAX_LAYERS} "
     "are drawn over what is opaque, the others are not"
@@ -173,7 +176,8 @@ class SceneMesh:
     def _find_bent(self) -> None:
         smooth, bent = np.zeros(0, dtype=bool), self.two_sided
         if self.corner_normals is not None:
-            smooth = (self.corner_normals != self.normals[:, None]).any(axis=(1, 2))
+            turned = np.abs(self.corner_normals - self.normals[:, None])
+            smooth = (turned > _MAX_FLAT_TURN).any(axis=(1, 2))
             bent = smooth if bent is None else smooth | bent
         object.__setattr__(self, "is_smooth", smooth)
         object.__setattr__(self, "bent", None if bent is None else bent & ~self.unlit)

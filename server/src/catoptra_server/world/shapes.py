@@ -228,21 +228,24 @@ def grid(points: Floats, uv: Floats) -> Patch:
     Counter-clockwise when columns run right and rows run up, seen from the lit side.
 
     Args:
-        points: (rows + 1, columns + 1, 3).
-        uv: (rows + 1, columns + 1, 2).
+        points: (..., rows + 1, columns + 1, 3): grids one after the other.
+        uv: (..., rows + 1, columns + 1, k).
     """
 
     def corners(values: Floats) -> Floats:
-        a, b = values[:-1, :-1], values[:-1, 1:]
-        d, c = values[1:, :-1], values[1:, 1:]
-        both = np.stack((np.stack((a, b, c), axis=2), np.stack((a, c, d), axis=2)), axis=2)
-        return both.reshape(-1, 3, values.shape[-1])
+        upper, lower = values[..., :-1, :, :], values[..., 1:, :, :]
+        a, c = upper[..., :-1, :], lower[..., 1:, :]
+        both = np.zeros((*a.shape[:-1], 2, 3, a.shape[-1]))
+        both[..., 0, 0, :] = both[..., 1, 0, :] = a
+        both[..., 0, 2, :] = both[..., 1, 1, :] = c
+        both[..., 0, 1, :], both[..., 1, 2, :] = upper[..., 1:, :], lower[..., :-1, :]
+        return both.reshape(*a.shape[:-3], -1, 3, a.shape[-1])
 
     triangles = corners(points)
-    edges = triangles[:, 1:] - triangles[:, :1]
-    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=-1)
+    edges = triangles[..., 1:, :] - triangles[..., :1, :]
+    area = np.linalg.norm(np.cross(edges[..., 0, :], edges[..., 1, :]), axis=-1)
     # Relative to the largest: rounding leaves triangles at a pole a tiny area.
-    solid = area > 1e-12 * max(float(area.max(initial=0.0)), 1e-300)
+    solid = area > 1e-12 * area.max(axis=-1, keepdims=True, initial=1e-300)
     return Patch(triangles[solid], corners(uv)[solid])
 
 

@@ -26,8 +26,10 @@ import hashlib
 import io
 import math
 import warnings
+from collections.abc import Callable
 from concurrent import futures
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +97,12 @@ class TextureReader:
         if key not in self._textures:
             size = SIDE_PX if self.has_texels else 1
             self._reserve_held(size, size, SourceLocation(name))
-            self._textures[key] = load_named_texture(name) if self.has_texels else _make_white(3)
+            if not self.has_texels:
+                return self._textures.setdefault(key, _make_white(3))
+            texture = self._textures[key] = np.zeros((size, size, 3), dtype=np.uint8)
+            # The first start makes it: half of the time of a furnished world.
+            making = self._pool.submit(_fill, texture, partial(load_named_texture, name))
+            self._decoding[id(texture)] = making
         return self._textures[key]
 
     def load(self, path: Path, *, has_opacity: bool = False) -> Texture:
@@ -167,6 +174,11 @@ class TextureReader:
         """
         if (decoding := self._decoding.pop(id(texture), None)) is not None:
             decoding.result()
+
+
+def _fill(texture: Texture, load: Callable[[], Texture]) -> None:
+    texture[:] = load()
+    texture.setflags(write=False)
 
 
 def _make_white(channels: int) -> Texture:

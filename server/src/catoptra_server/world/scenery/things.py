@@ -121,16 +121,19 @@ class Thing:
         if is_round:
             ends[1:, 0] = ends[:-1, 1] = slopes[1:] + slopes[:-1]
         circle = np.stack((cos(angle), sin(angle)), axis=-1)
-        for i, rows in enumerate(ends):
-            ring = radii[i : i + 2, None, None] * circle
-            z = np.broadcast_to(heights[i : i + 2, None, None], (2, sectors + 1, 1))
-            level = rows[:, None, :1] * circle
-            up = np.broadcast_to(rows[:, None, 1:], (2, sectors + 1, 1))
-            uv = np.stack(np.broadcast_arrays(angle, 1.0 - heights[i : i + 2, None]), axis=-1)
-            both = grid(np.concatenate((ring, z), -1), np.concatenate((uv, level, up), -1))
-            normals = both.uv[..., 2:] / np.linalg.norm(both.uv[..., 2:], axis=-1, keepdims=True)
-            patch = Patch(_turn(both.corners, turn_deg) + np.asarray(at), both.uv[..., :2])
-            self.add(material, patch, _turn(normals, turn_deg))
+        ring = np.zeros((len(ends), 2, len(angle), 3))
+        look = np.zeros((len(ends), 2, len(angle), 5))
+        rows = np.arange(len(ends))[:, None] + np.arange(2)
+        ring[..., :2], ring[..., 2] = (
+            radii[rows][..., None, None] * circle,
+            heights[rows][..., None],
+        )
+        look[..., 0], look[..., 1] = angle, 1.0 - heights[rows][..., None]
+        look[..., 2:4], look[..., 4] = ends[..., None, :1] * circle, ends[..., 1:]
+        both = grid(ring, look)
+        normals = both.uv[..., 2:] / np.linalg.norm(both.uv[..., 2:], axis=-1, keepdims=True)
+        patch = Patch(_turn(both.corners, turn_deg) + np.asarray(at), both.uv[..., :2])
+        self.add(material, patch, _turn(normals, turn_deg))
 
     def rod(
         self,

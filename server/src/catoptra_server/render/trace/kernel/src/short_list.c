@@ -11,31 +11,47 @@
 /* Volume of corners below which they are a plane through the viewpoint, relative to the product of
  * their distances. */
 #define MIN_VOLUME 1e-4f
+/* Longest edge of a triangle, of its least distance, below which errors are products of distances
+ * and edges: a ray that the search finds inside of its box is at most 1.5 edges from each corner. A
+ * corner lies across a ray to 3.4e-7 of its distance, so the side of an edge is known to 1e-6 of
+ * distance times edge; half as much again is that of the dual and of its product here. */
+#define SMALL 0.5f
 /* Largest ratio of the distance of a ray's origin to that of a triangle's plane. */
 #define MAX_NEARNESS 0.5f
 /* Rounding error of products with origins, relative to those of the lengths: a few times 2^-23. */
 #define ORIGIN_ERROR 2e-6f
 
-static int set_dual(const Vec3 corners[3], ShortTriangle *triangle) {
-    float length[3];
-    for (int i = 0; i < 3; i++)
-        length[i] = sqrtf(dot(corners[i], corners[i]));
-    Vec3 normals[3] = {cross(corners[1], corners[2]), cross(corners[2], corners[0]),
-                       cross(corners[0], corners[1])};
-    float volume = dot(corners[0], normals[0]), product = length[0] * length[1] * length[2];
-    if (!(fabsf(volume) > MIN_VOLUME * product))
-        return 0;
+static float length_of(Vec3 a) { return sqrtf(dot(a, a)); }
+
+static void set_dual(const Vec3 corners[3], ShortTriangle *triangle) {
+    float length[3], longest = 0.0f;
+    Vec3 edge[3];
+    for (int i = 0; i < 3; i++) {
+        length[i] = length_of(corners[i]);
+        edge[i] = subtract(corners[(i + 1) % 3], corners[i]);
+        longest = fmaxf(longest, length_of(edge[i]));
+    }
+    float nearest = fminf(fminf(length[0], length[1]), length[2]);
+    /* Products of the edges of what is seen small lose no digits, nor do those of the search. */
+    int is_small = longest < SMALL * nearest;
+    float across = is_small ? 2.0f * longest : 0.0f;
+    float product = is_small ? length[0] * longest * longest : length[0] * length[1] * length[2];
+    Vec3 last = is_small ? cross(edge[0], edge[1]) : cross(corners[1], corners[2]);
+    float volume = dot(corners[0], last);
+    /* Its plane holds the viewpoint: any size does, since no distance follows. */
+    triangle->is_line = !(fabsf(volume) > MIN_VOLUME * product);
+    if (triangle->is_line)
+        volume = product;
     triangle->sum_error = 0.0f;
     for (int i = 0; i < 3; i++) {
-        triangle->dual[i] = scale(1.0f / volume, normals[i]);
-        triangle->error[i] = PRODUCT_ERROR * length[(i + 1) % 3] * length[(i + 2) % 3] /
+        int from = (i + 1) % 3, to = (i + 2) % 3;
+        Vec3 normal = cross(corners[from], is_small ? edge[from] : corners[to]);
+        triangle->dual[i] = scale(1.0f / volume, normal);
+        triangle->error[i] = PRODUCT_ERROR * length[from] * (is_small ? across : length[to]) /
                              fabsf(volume);
         triangle->sum_error += triangle->error[i];
     }
-    return 1;
 }
-
-static float length_of(Vec3 a) { return sqrtf(dot(a, a)); }
 
 /* Errors of rays that begin within a radius of the corners' origin; 0 if the plane is too near.
  *
@@ -45,6 +61,8 @@ static float length_of(Vec3 a) { return sqrtf(dot(a, a)); }
 static int allow_origins(float radius, ShortTriangle *triangle) {
     if (!(radius > 0.0f))
         return 1;
+    if (triangle->is_line)
+        return 0;
     Vec3 sum = add(add(triangle->dual[0], triangle->dual[1]), triangle->dual[2]);
     float length = length_of(sum);
     if (!(length * radius <= MAX_NEARNESS))
@@ -93,7 +111,8 @@ int make_short_list(const FrameState *state, const CandidateList *candidates,
             continue;
         ShortTriangle *triangle = &list->triangles[list->count++];
         triangle->triangle = id;
-        if (!set_dual(corners, triangle) || !allow_origins(list->radius, triangle))
+        set_dual(corners, triangle);
+        if (!allow_origins(list->radius, triangle))
             return 0;
     }
     return 1;
@@ -111,8 +130,8 @@ int move_short_list(const ShortList *list, const Pose *camera, ShortList *moved)
         for (int corner = 0; corner < 3; corner++)
             corners[corner] = add(list->corners[i][corner], offset);
         moved->triangles[i].triangle = list->triangles[i].triangle;
-        if (!set_dual(corners, &moved->triangles[i]) ||
-            !allow_origins(list->radius, &moved->triangles[i]))
+        set_dual(corners, &moved->triangles[i]);
+        if (!allow_origins(list->radius, &moved->triangles[i]))
             return 0;
     }
     return 1;
@@ -140,6 +159,14 @@ test_triangle(const ShortTriangle *t, int32_t index, Vectors directions, int has
     Floats16 first = project(t->dual[0], directions), second = project(t->dual[1], directions);
     Floats16 third = project(t->dual[2], directions);
     Floats16 inverse = first + second + third;
+    if (t->is_line) {
+        /* Of one sign are those that may meet it, at any distance. */
+        Ints16 is_beside =
+            ((first > t->error[0]) | (second > t->error[1]) | (third > t->error[2])) &
+            ((first < -t->error[0]) | (second < -t->error[1]) | (third < -t->error[2]));
+        found->rival = select16(is_beside, found->rival, splat16(INFINITY));
+        return;
+    }
     if (has_origins) {
         Floats16 u = project(t->dual[0], origins), v = project(t->dual[1], origins);
         Floats16 w = project(t->dual[2], origins);

@@ -10,7 +10,7 @@
 
 #include "candidates.h"
 
-enum { MAX_SHORT = 8 };
+enum { MAX_SHORT = 12 };
 
 /* A triangle as a basis: the components of a unit direction, and their sum, are the barycentric
  * weights of the point that it meets, and 1, over the distance. */
@@ -19,6 +19,7 @@ typedef struct {
     float error[3];  /* bounds of the components' rounding errors */
     float sum_error; /* bound of the sum's */
     int32_t triangle;
+    int32_t is_line; /* its plane holds the viewpoint: components alone, of any size */
 } ShortTriangle;
 
 typedef struct {
@@ -31,11 +32,11 @@ typedef struct {
 } ShortList;
 
 /* Triangles of the static scene among candidates; 0 if there are too many, spheres around small
- * triangles, or one that is seen as a line, or as near as the origins of the rays. */
+ * triangles, or, for rays of several origins, one that is as near or seen as a line. */
 int make_short_list(const FrameState *state, const CandidateList *candidates,
                     const BeamSides *sides, ShortList *list);
 
-/* The same triangles from another pose of the camera; 0 if one is seen as a line. */
+/* The same triangles from another pose of the camera; 0 as for a list. */
 int move_short_list(const ShortList *list, const Pose *camera, ShortList *moved);
 
 /* Hits of the active rays, which become their limits; 0 if one is not certain. */
