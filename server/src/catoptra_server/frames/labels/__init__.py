@@ -145,14 +145,17 @@ class SceneLabels:
     """
 
     def __init__(
-        self, scene: SceneMesh, class_numbers: Mapping[str, int] | None = None, others: str = ""
+        self,
+        scene: SceneMesh,
+        class_numbers: Mapping[str, int] | None = None,
+        others: tuple[str, ...] = (),
     ) -> None:
         """Number the objects of a scene.
 
         Args:
             scene: The scene.
             class_numbers: Fixed numbers of all classes; None: by the scene.
-            others: Classes with spaces between, whose objects no scene has, numbered behind them.
+            others: Classes whose objects no scene has, numbered behind them.
 
         Raises:
             DomainError: The world has more objects than numbers, or a class has none.
@@ -165,7 +168,7 @@ class SceneLabels:
         self._scene = scene
         self._first_moving = len(scene.objects) + 1
         names = sorted({one.class_name for one in scene.objects} | {ROBOT_CLASS})
-        names += sorted({*others.split()} - {*names})
+        names += sorted({*others} - {*names})
         if class_numbers is None:
             class_numbers = {name: number for number, name in enumerate(names, 1)}
             numbers = np.arange(1, len(scene.objects) + 1)

@@ -84,7 +84,7 @@ class LabelRenderer:
         renderer: TraceRenderer,
         scene: SceneMesh,
         class_numbers: Mapping[str, int] | None = None,
-        others: str = "",
+        others: tuple[str, ...] = (),
     ) -> None:
         """Number the scene's objects.
 
