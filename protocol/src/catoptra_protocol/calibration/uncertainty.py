@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -47,6 +49,49 @@ def state_model_error(camera: OmniCamera, text: str, file: str) -> OmniCamera:
     if not 0.0 <= rms_px < math.inf:
         raise file_error(file, stated[1], "pixels of 0 or more", value=stated[2])
     return replace(camera, model_error_px=_RADIUS_PER_RMS * rms_px)
+
+
+def draw_camera(
+    camera: OmniCamera, text: str, file: str, draw: Callable[[int], Floats]
+) -> OmniCamera:
+    """One of the cameras that the covariance of a camera's file allows.
+
+    Args:
+        camera: The camera as calibrated.
+        text, file: The calibration file, and its name for errors.
+        draw: Makes (n,) standard normal numbers.
+
+    Raises:
+        ConfigError: The file states no covariance, or a wrong one.
+        DomainError: The parameters drawn are of no camera.
+    """
+    if (stated := _STATED.search(text)) is None:
+        raise file_error(file, _COVARIANCE, "a covariance, to draw a camera from")
+    root, columns = _read_root(camera, stated[1], file)
+    moves = matmul(root, draw(len(columns))[:, None])[:, 0].tolist()
+    names = parameter_names(camera)
+    for column, move in zip(columns, moves, strict=True):
+        camera = _displace(camera, names[column], move)
+    return camera
+
+
+def _displace(camera: OmniCamera, name: str, move: float) -> OmniCamera:
+    """A camera with another value of a parameter of `parameter_names`."""
+    if name.startswith("centre_"):
+        u, v = camera.centre_px
+        is_u = name == "centre_u_px"
+        return replace(camera, centre_px=(u + move * is_u, v + move * (not is_u)))
+    if hasattr(camera, name):
+        return replace(camera, **{name: getattr(camera, name) + move})
+    part = "plane" if name in ("p1", "p2") or name.startswith("stretch") else "projection"
+    owner: Any = getattr(camera, part)
+    stem, _, index = name.rpartition("_")
+    if index.isdecimal() and isinstance(values := getattr(owner, stem, None), tuple):
+        at = int(index)
+        changed = replace(owner, **{stem: (*values[:at], values[at] + move, *values[at + 1 :])})
+    else:
+        changed = replace(owner, **{name: getattr(owner, name) + move})
+    return replace(camera, **{part: changed})
 
 
 def _number(text: str) -> float:

@@ -98,6 +98,10 @@ class SectionReader:
         """Whether the key has a value; does not count as reading the key."""
         return bool(self._entries.get(key.lower()))
 
+    def keys(self) -> list[str]:
+        """Keys as written, for sections whose keys are names of the user's."""
+        return [lines.last.key for lines in self._entries.values() if lines]
+
     @property
     def is_used(self) -> bool:
         """Whether any key was read."""
@@ -281,7 +285,8 @@ class SectionReader:
         for word in allowed:
             if unquote(entry.value).lower() == word.lower():
                 return word
-        raise self._value_error(entry, expected)
+        close = suggest_name(unquote(entry.value), allowed)
+        raise self._value_error(entry, expected + (f"; did you mean {close}?" if close else ""))
 
     def get_vector(
         self,

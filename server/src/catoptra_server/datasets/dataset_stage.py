@@ -10,12 +10,15 @@ import hashlib
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from catoptra_protocol.errors import CatoptraError, ConfigError
+from catoptra_protocol.names import list_names, suggest_name
+from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.commands.calibration import find_camera
 from catoptra_server.config.camera_file import carry_camera, read_camera_file
@@ -23,6 +26,7 @@ from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.known_names import report_unknown_names
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
+from catoptra_server.datasets.randomise import draw_calibration
 from catoptra_server.datasets.recipe import CameraChoice, Recipe, WorldChoice
 from catoptra_server.datasets.worker_environment import WorkerRefusedError
 from catoptra_server.frames.multi_view import Tile
@@ -37,7 +41,7 @@ from catoptra_server.simulation.robot_description import OmniCameraDescription, 
 from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
 from catoptra_server.world.objects import ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
-from catoptra_server.world.world_description import MeshFile, World
+from catoptra_server.world.world_description import ROBOT_CLASS, MeshFile, World
 
 
 class DatasetStage:
@@ -57,6 +61,8 @@ class DatasetStage:
         for camera in self.cameras:
             if names.count(camera.name) > 1:
                 raise CatoptraError(f"{camera.choice.where}: a second camera {camera.name}")
+        self.other_robots = tuple(self._read_other_robots())
+        """Robots that drive beside the camera's, of one file the same object."""
         self._worlds: dict[str, RecipeWorld] = {}
         self._groups: set[str] = set()
 
@@ -76,6 +82,7 @@ class DatasetStage:
             raise CatoptraError(
                 f"{self.recipe.path}: [Catoptra.Lights] Groups: no world has lights of Group={name}"
             )
+        self._check_classes([world.scene for world in worlds])
         # Sorted: in whatever order worlds were loaded.
         for file_hash in sorted(hashlib.sha256(path.read_bytes()).digest() for path in self._files):
             digest.update(file_hash)
@@ -107,6 +114,40 @@ class DatasetStage:
                 "recipe, worlds, robots or cameras differ from those of the driver"
             )
 
+    def _read_other_robots(self) -> Iterator[RobotDescription]:
+        varied = self.recipe.randomisation
+        if varied is None:
+            return
+        self._files += [one for one in varied.textures if isinstance(one, Path)]
+        read: dict[Path, RobotDescription] = {}
+        for path in varied.robots:
+            if path not in read:
+                read[path], file = read_robot(path)
+                report_unknown_names(file.unknown_names())
+                self._note_files(file)
+            yield read[path]
+
+    def _check_classes(self, scenes: list[SceneMesh]) -> None:
+        """Check that classes which the recipe names exist, and that all have the numbers it fixes.
+
+        Raises:
+            CatoptraError: A class of no world, or one without a number.
+        """
+        numbers, varied = self.recipe.class_numbers, self.recipe.randomisation
+        classes = {one.class_name for scene in scenes for one in scene.objects} | {ROBOT_CLASS}
+        for name in varied.kept_classes if varied else ():
+            if name not in classes:
+                known = list_names(name, sorted(classes))
+                raise CatoptraError(f"{varied.where}: Keep: {name} is no class of a world: {known}")
+        classes |= {*varied.classes} if varied else set()
+        if numbers is not None and (missing := sorted(classes - numbers.keys())):
+            spare = sorted(numbers.keys() - classes)
+            close = suggest_name(missing[0], spare)
+            raise CatoptraError(
+                f"{self.recipe.path}: [Catoptra.Classes]: no number for {', '.join(missing)}"
+                + (f"; is {close} meant to be {missing[0]}?" if close else "")
+            )
+
     def _read_cameras(self) -> Iterator[RecipeCamera]:
         for choice in self.recipe.cameras:
             robot, base, name = self._read_robot(choice)
@@ -128,8 +169,29 @@ class DatasetStage:
                 sensor=sensor,
                 spec=sensor.camera_spec(Tile(0, 0, *choice.size_px) if choice.size_px else None),
                 ego_mesh=build_ego_mesh(base),
+                calibration=self._find_calibration(choice, omni),
             )
             yield camera
+
+    def _find_calibration(self, choice: CameraChoice, omni: OmniCameraDescription) -> Path | None:
+        """Calibration file that cameras are drawn from; None where none is drawn.
+
+        Raises:
+            ConfigError: It states no covariance.
+        """
+        varied = self.recipe.randomisation
+        if varied is None or not varied.calibration:
+            return None
+        file = IniFile(choice.model_file or choice.robot_file)
+        for section in file.sections():
+            if section.has_key("CalibrationFile"):
+                path = section.get_path("CalibrationFile", file.path.parent)
+                draw_calibration(self.recipe, 0, omni.camera, path)
+                return path
+        raise CatoptraError(
+            f"{varied.where}: Calibration: {omni.name} of {choice.where} has no CalibrationFile "
+            "with a catoptra_covariance"
+        )
 
     def _read_robot(self, choice: CameraChoice) -> tuple[RobotDescription, RobotDescription, str]:
         """Robot of a choice, the one of its file, and the name that a camera file has."""
@@ -197,3 +259,10 @@ class RecipeCamera:
     """Camera at the size of the images, with the camera's own effects."""
     ego_mesh: ObjectMesh | None
     """The robot itself, where the camera's effects may show it."""
+    calibration: Path | None
+    """File with a covariance that each sample's camera is drawn from; None: all have the same."""
+
+    def fit(self, camera: OmniCamera) -> OmniCamera:
+        """Another calibration of the camera at the size of the images."""
+        sensor = OmniCameraSensor(replace(self.omni, camera=camera), self.robot)
+        return sensor.camera_for_tile(Tile(0, 0, *size) if (size := self.choice.size_px) else None)

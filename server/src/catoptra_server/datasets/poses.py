@@ -19,36 +19,50 @@ of the sequence, so that any process can go on anywhere.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
 
 import numpy as np
 
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.elementary import arctan2, hypot
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.commands import Drive
+from catoptra_protocol.usarsim.configurations import CHASSIS_MOUNT
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.config.world_file import MAX_LENGTH_M
 from catoptra_server.datasets.dataset_stage import DatasetStage, RecipeCamera, RecipeWorld
+from catoptra_server.datasets.randomise import (
+    FIRST_ROBOT,
+    FreeSpace,
+    PlacedThing,
+    ThingMaker,
+    random_source,
+)
 from catoptra_server.datasets.recipe import (
     BrightnessLevels,
     DrivePoses,
     GivenPose,
     GivenPoses,
     PoseRecipe,
+    Randomisation,
     RandomPoses,
     Recipe,
     ValueRange,
     read_range,
     read_range_struct,
 )
-from catoptra_server.runtime.random_sources import RandomSource
+from catoptra_server.simulation.collision_index import collision_height_m
 from catoptra_server.simulation.drive import RobotBody
 from catoptra_server.simulation.ground import NoStandError
 from catoptra_server.simulation.robot import Robot
-from catoptra_server.simulation.robot_description import PlanarPose
-from catoptra_server.world.objects import NoiseSeed
+from catoptra_server.simulation.robot_bodies import build_outer_meshes
+from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
+from catoptra_server.world.objects import DynamicObject, NoiseSeed
 from catoptra_server.world.world_description import AT_REST, Twist
 
 POSE_KINDS = ("random", "grid", "path", "drive")
@@ -56,6 +70,8 @@ _TICK_S = 0.02
 """Tick of drives, a server's default."""
 _FULL_TURN = ValueRange(0.0, 2.0 * math.pi)
 _ZERO = ValueRange(0.0, 0.0)
+# Other robots' drives: at samples that follow no other, after half a second of it.
+_SPEEDS, _HOLD_S, _ONE_SAMPLE_S, _MAX_STARTS = ValueRange(-1.0, 5.0), ValueRange(0.5, 2.0), 0.5, 8
 _MAX_TURN_RAD = 100.0
 _MAX_SPEED = 100.0
 # Each pose is checked against the obstacles of each world before anything is drawn.
@@ -93,11 +109,6 @@ def _sequence_length(recipe: Recipe) -> int:
     if isinstance(recipe.poses, GivenPoses):
         return len(recipe.poses.poses)
     return recipe.poses.num_samples if isinstance(recipe.poses, DrivePoses) else 1
-
-
-def random_source(recipe: Recipe, purpose: str) -> RandomSource:
-    """Random numbers of the samples, or sequences, for one purpose."""
-    return RandomSource.from_names(recipe.seed, "dataset", purpose)
 
 
 def seed_noise(stage: DatasetStage, place: SamplePlace) -> NoiseSeed:
@@ -166,6 +177,39 @@ class PoseSource:
         motions = self._drive[1]
         return _SampleMotion(motions[place.step], motions[place.step + 1])
 
+    def find_way(self, place: SamplePlace) -> Floats:
+        """(n, 3) places of the robot in the sequence of a sample, without its last motion."""
+        poses = self._recipe.poses
+        if not isinstance(poses, GivenPoses):
+            motion = self.find_motion(place).now
+            drive = isinstance(poses, DrivePoses)
+            motions = self._drive[1][: poses.num_samples] if drive else [motion]
+            return np.array([one.world_from_robot.translation for one in motions])
+        here = self.find_motion(place).now.world_from_robot.translation
+        return np.array([(one.pose.x_m, one.pose.y_m, here[2]) for one in poses.poses])
+
+    def find_other_robots(self, place: SamplePlace, space: FreeSpace) -> list[list[RobotMotion]]:
+        """Motions of the other robots, from the first sample of the sequence to one after the
+        last; none of a robot that has no room."""
+        poses, world = self._recipe.poses, self._stage.world(place.world)
+        interval_s, count = _ONE_SAMPLE_S, 1
+        if not isinstance(poses, RandomPoses):
+            interval_s, count = poses.interval_s or _ONE_SAMPLE_S, _sequence_length(self._recipe)
+        motions = []
+        for number, description in enumerate(self._stage.other_robots, 1):
+            name = f"robot {number}"
+            draw = random_source(self._recipe, f"{name} place").generator(place.sequence)
+            body = _find_start(world, description, space, draw)
+            if body is None:
+                motions.append([])
+                continue
+            robot = Robot(description, body, name=name, seed=self._recipe.seed, time_s=0.0)
+            speeds = random_source(self._recipe, f"{name} speeds").generator(place.sequence)
+            # Each begins to move before the first sample.
+            found = _drive(robot, world, speeds, _SPEEDS, _HOLD_S, count + 1, interval_s)
+            motions.append(found[1:])
+        return motions
+
     def _given_motion(self, poses: GivenPoses, place: SamplePlace) -> _SampleMotion:
         camera = self._stage.cameras[place.camera]
         steps = [place.step, place.step + 1]
@@ -194,19 +238,116 @@ class PoseSource:
         )
         robot = Robot(camera.robot, start, name=f"drive {sequence}", seed=recipe.seed, time_s=0.0)
         speeds = random_source(recipe, "wheel speeds").generator(sequence)
-        motions: list[RobotMotion] = []
-        ticks_a_sample, hold_ticks = round(poses.interval_s / _TICK_S), 0
-        for tick in range(poses.num_samples * ticks_a_sample + 1):
-            time_s = tick * _TICK_S
-            if tick % ticks_a_sample == 0:
-                motions.append(RobotMotion(time_s, robot.world_from_robot, robot.twist))
-            if hold_ticks == 0:
-                left, right = (poses.wheel_speed_rad_s.draw(speeds) for _ in range(2))
-                hold_ticks = max(1, round(poses.hold_s.draw(speeds) / _TICK_S))
-                robot.drive_wheels(Drive(left=left, right=right), time_s)
-            hold_ticks -= 1
-            robot.step(_TICK_S, time_s + _TICK_S, world.ground.mover_of(robot, ()))
-        return motions
+        wheels, hold = poses.wheel_speed_rad_s, poses.hold_s
+        return _drive(robot, world, speeds, wheels, hold, poses.num_samples, poses.interval_s)
+
+
+def _drive(
+    robot: Robot,
+    world: RecipeWorld,
+    speeds: np.random.Generator,
+    wheel_speed_rad_s: ValueRange,
+    hold_s: ValueRange,
+    num_samples: int,
+    interval_s: float,
+) -> list[RobotMotion]:
+    """Motions of a robot that drives by random wheel speeds, at the samples and at one more."""
+    motions: list[RobotMotion] = []
+    ticks_a_sample, hold_ticks = max(1, round(interval_s / _TICK_S)), 0
+    for tick in range(num_samples * ticks_a_sample + 1):
+        time_s = tick * _TICK_S
+        if tick % ticks_a_sample == 0:
+            motions.append(RobotMotion(time_s, robot.world_from_robot, robot.twist))
+        if hold_ticks == 0:
+            left, right = (wheel_speed_rad_s.draw(speeds) for _ in range(2))
+            hold_ticks = max(1, round(hold_s.draw(speeds) / _TICK_S))
+            robot.drive_wheels(Drive(left=left, right=right), time_s)
+        hold_ticks -= 1
+        robot.step(_TICK_S, time_s + _TICK_S, world.ground.mover_of(robot, ()))
+    return motions
+
+
+def _find_start(
+    world: RecipeWorld,
+    description: RobotDescription,
+    space: FreeSpace,
+    generator: np.random.Generator,
+) -> RobotBody | None:
+    """Base of another robot at rest near the way of the camera's; None: there is no room."""
+    radius_m = 0.5 * hypot(*description.drive.collision_size_m[:2])
+    for _ in range(_MAX_STARTS):
+        place = space.take(generator, radius_m, collision_height_m(description))
+        if place is None:
+            return None
+        pose = PlanarPose(place[0].item(), place[1].item(), _FULL_TURN.draw(generator))
+        with suppress(NoStandError):
+            return world.ground.place(description, pose, place[2].item())
+    return None
+
+
+class Surroundings:
+    """What stands and drives about the camera's robot, of a recipe's sequences."""
+
+    def __init__(self, stage: DatasetStage, poses: PoseSource) -> None:
+        """Place nothing yet.
+
+        Args:
+            stage: The recipe, loaded.
+            poses: Poses of the camera's robot.
+        """
+        self._stage, self._poses = stage, poses
+        self._things = ThingMaker(stage.recipe)
+        self._find_meshes = cache(build_outer_meshes)
+        self._placed: tuple[int, list[PlacedThing], list[list[RobotMotion]]] = (-1, [], [])
+        """Number of the last sequence, what stands there, and the other robots' motions."""
+
+    def find_objects(self, place: SamplePlace, after: int = 0) -> tuple[DynamicObject, ...]:
+        """Objects at a sample, or so many samples after it.
+
+        Raises:
+            CatoptraError: There is no free space.
+        """
+        varied = self._stage.recipe.randomisation
+        if varied is None or not (varied.robots or varied.classes):
+            return ()
+        if self._placed[0] != place.sequence:
+            self._placed = (place.sequence, *self._place(place, varied))
+        _, things, robots = self._placed
+        standing = (
+            DynamicObject(
+                one.mesh, one.world_from_thing, AT_REST, one.name, one.number, one.class_name
+            )
+            for one in things
+        )
+        driving = (
+            one
+            for number, (description, motions) in enumerate(
+                zip(self._stage.other_robots, robots, strict=True)
+            )
+            if motions
+            for one in self._show_robot(description, motions[place.step + after], number)
+        )
+        return (*driving, *standing)
+
+    def _place(
+        self, place: SamplePlace, varied: Randomisation
+    ) -> tuple[list[PlacedThing], list[list[RobotMotion]]]:
+        world, camera = self._stage.world(place.world), self._stage.cameras[place.camera]
+        radius_m = 0.5 * hypot(*camera.robot.drive.collision_size_m[:2])
+        space = FreeSpace(world.caster, self._poses.find_way(place), radius_m, varied.distance_m)
+        robots = self._poses.find_other_robots(place, space)
+        return self._things.place_all(space, place.sequence, world.name), robots
+
+    def _show_robot(
+        self, description: RobotDescription, motion: RobotMotion, number: int
+    ) -> Iterator[DynamicObject]:
+        """Chassis of a robot, and its links at rest."""
+        base = motion.world_from_robot
+        for link, mesh in self._find_meshes(description).items():
+            at = base if link == CHASSIS_MOUNT else base @ description.robot_from_part(link, {})
+            twist = motion.twist.at_offset(at.translation - base.translation)
+            name = f"{description.model_name}.{number + 1}"
+            yield DynamicObject(mesh, at, twist, name, FIRST_ROBOT + number)
 
 
 def _given_robot(

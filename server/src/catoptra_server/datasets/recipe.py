@@ -32,6 +32,7 @@ from catoptra_server.effects import (
 from catoptra_server.simulation.robot_description import PlanarPose
 
 _EXAMPLE = "(Min=0,Max=1)"
+DISTRACTOR_CLASS = "distractor"
 _EFFECTS_SECTION = "Catoptra.Effects"
 
 
@@ -58,6 +59,10 @@ class Recipe:
     formats: tuple[str, ...]
     """Files beside the shards: of FORMATS."""
     renderer: str
+    randomisation: Randomisation | None = None
+    """What else varies; None: nothing."""
+    class_numbers: Mapping[str, int] | None = None
+    """Numbers of classes in all worlds; None: of each world its own."""
 
     @property
     def num_shards(self) -> int:
@@ -112,6 +117,66 @@ class ValueRange:
         """Uniform number of the range; takes one number of the generator even where fixed."""
         # Always one: another number of the sample must not depend on whether this one is fixed.
         return self.low + (self.high - self.low) * float(generator.random())
+
+
+@dataclass(frozen=True, slots=True)
+class FreeThing:
+    """A thing of the scenery that stands in free space."""
+
+    name: str
+    """Of THINGS in `randomise`."""
+    class_name: str
+    count: ValueRange
+    where: SourceLocation
+
+
+@dataclass(frozen=True, slots=True)
+class Randomisation:
+    """What varies from sample to sample; None and empty: nothing."""
+
+    where: SourceLocation
+    textures: tuple[str | Path, ...]
+    """Names of `named_textures`, and image files."""
+    texture_share: float
+    """Share of the objects that get one of these."""
+    colours: ValueRange | None
+    """Factors of each colour channel of an object."""
+    gloss: ValueRange | None
+    """Reflectance along the normal."""
+    gloss_share: float
+    roughness: ValueRange
+    kept_classes: tuple[str, ...]
+    """Classes of objects whose looks stay."""
+    lamps: ValueRange | None
+    """Number of point lights about the robot."""
+    lamp_intensity: ValueRange
+    lamp_tint: ValueRange
+    """Factor of each colour channel."""
+    lamp_height_m: ValueRange
+    lamp_distance_m: ValueRange
+    sun: ValueRange | None
+    """Irradiance of a sun in place of the world's directional lights."""
+    sun_elevation_rad: ValueRange
+    distractors: ValueRange | None
+    """Number of shapes in free space."""
+    distractor_size_m: ValueRange
+    distance_m: ValueRange
+    """From the robot's way to what stands in free space."""
+    things: tuple[FreeThing, ...]
+    robots: tuple[Path, ...]
+    """Files of other robots, one for each robot."""
+    mount_shift_m: float
+    """Largest displacement of the camera along each axis of the robot."""
+    mount_turn_rad: float
+    """Largest angle about each axis."""
+    calibration: float
+    """Standard deviations of the calibration that count as one; 0: the camera as calibrated."""
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Classes of what stands in free space."""
+        names = {one.class_name for one in self.things}
+        return tuple(sorted(names | ({DISTRACTOR_CLASS} if self.distractors else set())))
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
     [Catoptra.Dataset]  Name, Samples, Seed, ShardSamples, Worlds, Cameras, Poses, Channels,
                         Formats, Renderer, InstructionSet
     [Catoptra.Lights]   Brightness=(Min=,Max=,Levels=)
+    [Catoptra.Classes]  numbers of classes, by name
     [Catoptra.Effects]  modes and parameters as in a robot file; parameters may be ranges
 
 Worlds and Cameras are lines: `Worlds=corridor`, `Cameras=(Robot="p2at_omni")`. Files are paths
@@ -15,7 +16,7 @@ import logging
 from collections.abc import Iterator
 from pathlib import Path
 
-from catoptra_protocol.labels import LABEL_CHANNELS
+from catoptra_protocol.labels import LABEL_CHANNELS, SKY_CLASS
 from catoptra_protocol.names import suggest_name
 from catoptra_protocol.text_files import read_text_file
 from catoptra_server.config.camera_sections import MAX_SIDE_PX
@@ -23,6 +24,7 @@ from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.known_names import report_unknown_names
 from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.datasets.poses import POSE_KINDS, read_poses
+from catoptra_server.datasets.randomise import read_randomisation
 from catoptra_server.datasets.recipe import (
     BrightnessLevels,
     CameraChoice,
@@ -43,6 +45,7 @@ _FORMATS = ("coco", "tum", "parquet")
 """Files that a recipe may have beside the shards."""
 _SECTION = "Catoptra.Dataset"
 _LIGHTS = "Catoptra.Lights"
+_CLASSES = "Catoptra.Classes"
 _RENDERERS = tuple(kind.value for kind in RendererKind)
 # Exact rays, which also label.
 _DEFAULT_RENDERER = next(kind.value for kind in RendererKind if not kind.uses_faces)
@@ -90,7 +93,12 @@ def read_recipe(path: Path) -> Recipe:
         channels=_read_channels(section, poses),
         formats=read_words(section, "Formats", _FORMATS, ()),
         renderer=section.get_choice("Renderer", _RENDERERS, _DEFAULT_RENDERER),
+        randomisation=read_randomisation(file),
+        class_numbers=_read_classes(file),
     )
+    if recipe.randomisation is not None and recipe.renderer != _DEFAULT_RENDERER:
+        expected = f"{_DEFAULT_RENDERER}, which alone draws what [Catoptra.Randomise] varies"
+        raise section.make_error("Renderer", expected=expected)
     if section.get_choice("InstructionSet", ("avx512", "avx2", "sse4.2"), ""):
         log.warning("%s: InstructionSet has no effect, since all have the same bytes", path)
     report_unknown_names(file.unknown_names())
@@ -152,6 +160,20 @@ def _read_levels(struct: SectionReader, key: str) -> BrightnessLevels:
     extent = read_range_struct(struct, key, struct, 0.0, 1000.0)
     levels = struct.get_int("Levels", 5, min_value=1, max_value=_MAX_LEVELS)
     return BrightnessLevels(extent.low, extent.high, levels)
+
+
+def _read_classes(file: IniFile) -> dict[str, int] | None:
+    """Numbers of classes by name; None without the section."""
+    section = file.get_section(_CLASSES)
+    if not file.has_section(_CLASSES):
+        return None
+    numbers = {
+        key: section.get_int(key, min_value=1, max_value=SKY_CLASS - 1) for key in section.keys()
+    }
+    for name, number in numbers.items():
+        if (first := list(numbers)[list(numbers.values()).index(number)]) != name:
+            raise section.make_error(name, expected=f"a number of its own: {first} has {number}")
+    return numbers
 
 
 def _read_channels(section: SectionReader, poses: PoseRecipe) -> tuple[str, ...]:

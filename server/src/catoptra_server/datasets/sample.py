@@ -34,11 +34,17 @@ from catoptra_server.datasets.poses import (
     PoseSource,
     RobotMotion,
     SamplePlace,
+    Surroundings,
     draw_brightness,
     draw_group_brightness,
     find_place,
-    random_source,
     seed_noise,
+)
+from catoptra_server.datasets.randomise import (
+    draw_calibration,
+    draw_lights,
+    draw_mount,
+    random_source,
 )
 from catoptra_server.datasets.recipe import Recipe, draw_effects
 from catoptra_server.effects.effect_plan import EffectDecision
@@ -51,6 +57,7 @@ from catoptra_server.render.renderer import Image
 from catoptra_server.simulation.sensors import SensorEnvironment
 from catoptra_server.simulation.sight import compute_landmark_visibility
 from catoptra_server.world.objects import CameraState, DynamicObject
+from catoptra_server.world.world_description import DirectionalLight, PointLight
 
 NEEDED_CHANNELS = frozenset({"ids", "valid"})
 """Channels that annotations are made of, stored by the recipe or not."""
@@ -78,6 +85,11 @@ class SampleDescription:
     """Factor of all lights."""
     group_brightness: Mapping[str, float]
     """Factors of groups of lights by name, beside that of all."""
+    robot_from_camera: Pose
+    sun: DirectionalLight | None
+    """In place of the world's directional lights; None: those."""
+    lamps: tuple[PointLight, ...]
+    """Beside the world's."""
 
 
 class SampleDescriber:
@@ -86,6 +98,7 @@ class SampleDescriber:
     def __init__(self, stage: DatasetStage) -> None:
         self._stage = stage
         self._poses = PoseSource(stage)
+        self._surroundings = Surroundings(stage, self._poses)
 
     def describe_sample(self, index: int) -> SampleDescription:
         """Description of a sample.
@@ -99,6 +112,20 @@ class SampleDescriber:
         camera = self._stage.cameras[place.camera]
         motion = self._poses.find_motion(place)
         optics = camera.spec.camera
+        if camera.calibration is not None:
+            drawn = draw_calibration(recipe, index, camera.omni.camera, camera.calibration)
+            optics = camera.fit(drawn)
+        mount = draw_mount(recipe, index, camera.sensor.robot_from_camera({}))
+        state = self._camera_state(camera, motion.now, place, mount)
+        viewpoint, caster = (
+            state.world_from_mirror.translation,
+            self._stage.world(place.world).caster,
+        )
+        floor_z_m = float(viewpoint[2]) + camera.robot.viewpoint_height_m(camera.omni)
+        sun, lamps = draw_lights(recipe, index, viewpoint, floor_z_m, caster)
+        next_state = None
+        if motion.next is not None:
+            next_state = self._camera_state(camera, motion.next, place, mount, after=1)
         effects = draw_effects(
             recipe.effects,
             camera.spec.effect_settings,
@@ -110,16 +137,25 @@ class SampleDescriber:
             place=place,
             key=recipe.sample_key(index),
             camera=camera,
-            spec=replace(camera.spec, effect_settings=effects),
-            state=self._camera_state(camera, motion.now, place),
-            next_state=self._camera_state(camera, motion.next, place) if motion.next else None,
+            spec=replace(camera.spec, camera=optics, effect_settings=effects),
+            state=state,
+            next_state=next_state,
             motion=motion.now,
             brightness=draw_brightness(recipe, index),
             group_brightness=draw_group_brightness(recipe, index),
+            robot_from_camera=mount,
+            sun=sun,
+            lamps=lamps,
         )
 
     def _camera_state(
-        self, camera: RecipeCamera, motion: RobotMotion, place: SamplePlace
+        self,
+        camera: RecipeCamera,
+        motion: RobotMotion,
+        place: SamplePlace,
+        robot_from_camera: Pose,
+        *,
+        after: int = 0,
     ) -> CameraState:
         ego_body = None
         if camera.ego_mesh is not None:
@@ -137,9 +173,12 @@ class SampleDescriber:
             is_object, ego_body = False, None
         return mounted_camera_state(
             motion.world_from_robot,
-            camera.sensor.robot_from_camera({}),
+            robot_from_camera,
             twist=motion.twist,
-            objects=(ego_body,) if is_object and ego_body is not None else (),
+            objects=(
+                *self._surroundings.find_objects(place, after),
+                *((ego_body,) if is_object and ego_body is not None else ()),
+            ),
             ego_body=None if is_object else ego_body,
             noise_seed=seed_noise(self._stage, place),
         )
@@ -164,7 +203,8 @@ class SampleAnnotator:
     """Annotations by the cameras of a recipe, whose directions are computed once."""
 
     def __init__(self) -> None:
-        self._spheres: dict[int, PixelSphere] = {}  # by camera, the last used at the end
+        # By camera and mount, the last used at the end.
+        self._spheres: dict[tuple[Any, ...], PixelSphere] = {}
 
     def annotate(
         self,
@@ -191,13 +231,11 @@ class SampleAnnotator:
         return [annotation.to_json() for annotation in annotations]
 
     def _find_sphere(self, description: SampleDescription) -> PixelSphere:
-        number = description.place.camera
-        sphere = self._spheres.pop(number, None)
-        if sphere is None:
-            # Up is the robot's, also on a slope: computed once for a camera.
-            mount = description.camera.sensor.robot_from_camera({})
-            sphere = PixelSphere(description.spec.camera, mount.rotation)
-        self._spheres[number] = sphere
+        # Up is the robot's, also on a slope: computed once for a camera as it is mounted.
+        turn = description.robot_from_camera.rotation
+        key = (description.spec.camera, turn.tobytes())
+        sphere = self._spheres.pop(key, None) or PixelSphere(description.spec.camera, turn)
+        self._spheres[key] = sphere
         while len(self._spheres) > 1 and self._num_bytes > _MAX_SPHERE_BYTES:
             self._spheres.pop(next(iter(self._spheres)))
         return sphere
@@ -243,12 +281,26 @@ def describe_sample_metadata(
         "angular_rad_s": [float(one) for one in twist.angular_rad_s],
         "brightness": description.brightness,
         **({"groups": {**groups}} if (groups := description.group_brightness) else {}),
+        **_describe_lights(description),
         "noise_seed": [*state.noise_seed.camera_key, state.noise_seed.tick],
         "plan": view.frame_plan.plan_text,
         "error_bound_px": {k: _finite(v) for k, v in (view.frame_plan.bounds or {}).items()},
         "landmarks": _describe_landmarks(description, world),
         "effects": [_describe_decision(one) for one in view.effect_decisions],
     }
+
+
+def _describe_lights(description: SampleDescription) -> dict[str, Any]:
+    """Sun and lamps of the sample alone: irradiance and way, place and irradiance at 1 m."""
+    sun, lamps = description.sun, description.lamps
+    found: dict[str, Any] = {}
+    if sun is not None:
+        found["sun"] = {"direction": [*sun.direction], "irradiance": [*sun.irradiance]}
+    if lamps:
+        found["lamps"] = [
+            {"position_m": [*one.position_m], "intensity": [*one.intensity]} for one in lamps
+        ]
+    return found
 
 
 def _describe_pose(pose: Pose) -> dict[str, list[float]]:

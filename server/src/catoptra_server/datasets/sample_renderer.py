@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 from catoptra_protocol.labels import GroundTruth
 from catoptra_server.datasets.dataset_stage import DatasetStage
+from catoptra_server.datasets.randomise import ScenePainter
 from catoptra_server.datasets.sample import (
     NEEDED_CHANNELS,
     RenderedSample,
@@ -32,6 +33,7 @@ from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import RenderedView, ViewCache
 from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.trace_engine import LabelRequest
+from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import (
     DirectionalLight,
     HemisphereLight,
@@ -58,6 +60,7 @@ class SampleRenderer:
         self._views: dict[tuple[float, ...], ViewCache] = {}  # the last used at the end
         self._labels: dict[int, tuple[LabelRenderer, TraceRenderer]] = {}  # likewise
         self._annotator = SampleAnnotator()
+        self._find_painter = cache(self._make_painter)
 
     def render_sample(self, description: SampleDescription) -> RenderedSample:
         """Render a sample.
@@ -67,7 +70,10 @@ class SampleRenderer:
             RendererUnavailableError: The renderer cannot run on this machine.
         """
         factors = description.brightness, description.group_brightness
-        views = self._find_views(description.place.world, *factors)
+        if self._stage.recipe.randomisation is None:
+            views = self._find_views(description.place.world, *factors)
+        else:
+            views = self._paint_views(description)
         channels = self._needed_channels()
         view = views.render(ViewRequest(description.spec, description.state, tuple(channels)))
         truth, annotations = self._render_labels(description, view, channels)
@@ -105,6 +111,30 @@ class SampleRenderer:
             NEEDED_CHANNELS if wants_annotations(recipe) else frozenset()
         )
 
+    def _paint_views(self, description: SampleDescription) -> ViewCache:
+        """Views of a world in the looks and light of a sample."""
+        number, groups = description.place.world, description.group_brightness
+        views = self._find_views(number, 1.0, groups)
+        scene, world = self._find_painter(number, **groups)
+        lights = list(_scale_lights(world, description.brightness, groups).lights)
+        if (sun := description.sun) is not None:
+            lights = [*(one for one in lights if not isinstance(one, DirectionalLight)), sun]
+        sky = _scale_lights(world, description.brightness, groups).object_sky
+        lit = replace(world, lights=(*lights, *description.lamps), object_sky=sky)
+        views.repaint(scene.paint(description.place.index), lit)
+        return views
+
+    def _make_painter(self, number: int, **groups: float) -> tuple[ScenePainter, World]:
+        """Looks of a world, and its light but for brightness."""
+        scene, world = self._mix_world(number, groups)
+        return ScenePainter(self._stage.recipe, scene), world
+
+    def _mix_world(self, number: int, groups: Mapping[str, float]) -> tuple[SceneMesh, World]:
+        staged = self._stage.world(number)
+        if staged.mix is not None and groups:
+            return staged.mix(groups)
+        return staged.scene, staged.world
+
     def _find_labels(self, world: int) -> LabelRenderer:
         """Labels of a world, by separate rays, whatever the lights."""
         found = self._labels.pop(world, None) or self._make_labels(world)
@@ -116,7 +146,9 @@ class SampleRenderer:
     def _make_labels(self, world: int) -> tuple[LabelRenderer, TraceRenderer]:
         staged = self._stage.world(world)
         renderer = TraceRenderer(staged.scene, staged.world, threads=1)
-        return LabelRenderer(renderer, staged.scene), renderer
+        recipe = self._stage.recipe
+        others = () if recipe.randomisation is None else recipe.randomisation.classes
+        return LabelRenderer(renderer, staged.scene, recipe.class_numbers, others), renderer
 
     def _find_views(self, world: int, brightness: float, groups: Mapping[str, float]) -> ViewCache:
         key = (world, brightness, *groups.values())
@@ -128,10 +160,12 @@ class SampleRenderer:
         return views
 
     def _make_views(self, number: int, brightness: float, groups: Mapping[str, float]) -> ViewCache:
-        recipe, staged = self._stage.recipe, self._stage.world(number)
-        scene, world = staged.scene, staged.world
-        if staged.mix is not None and groups:
-            scene, world = staged.mix(groups)
+        recipe = self._stage.recipe
+        if recipe.randomisation is None:
+            scene, world = self._mix_world(number, groups)
+        else:
+            painter, world = self._find_painter(number, **groups)
+            scene = painter.scene
         world = _scale_lights(world, brightness, groups)
         choice = choose_renderer(
             recipe.renderer,

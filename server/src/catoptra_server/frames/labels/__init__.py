@@ -13,8 +13,9 @@ follow from the world and the order of spawning.
 
 from __future__ import annotations
 
+import hashlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import pairwise
@@ -48,7 +49,7 @@ from catoptra_server.render.trace.trace_engine import (
 )
 from catoptra_server.world.objects import CameraState, DynamicObject
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.world_description import ROBOT_CLASS
+from catoptra_server.world.world_description import ROBOT_CLASS, SceneObject
 
 if TYPE_CHECKING:
     from catoptra_server.effects.medium.misalignment import Misalignment
@@ -124,8 +125,10 @@ def find_valid_pixels(table: RayTable) -> Bools:
 
 _Numbers = npt.NDArray[np.uint16]
 # Values of 16 bits, some of them for robots.
-_MAX_OBJECTS = 65000
+_MAX_OBJECTS = 64000
 _MAX_NUMBER = 65535
+# Behind it 1024 objects of exposures have theirs.
+_FIRST_MOVING = 64512
 # Headings that a box may have: of the object's largest walls.
 _MAX_HEADINGS = 16
 # A round thing has an upright box that is smaller by some percent, along no axis of its own.
@@ -138,13 +141,26 @@ class SceneLabels:
     Objects of the static scene have the numbers from 1 in the order of the world file, robots those
     after them in the order in which they were spawned. Classes have the numbers from 1 in the order
     of their names, the same for every robot in the world.
+
+    Of fixed classes objects have fixed numbers as well: of the scene by their names, those of an
+    exposure from 64 512 on.
     """
 
-    def __init__(self, scene: SceneMesh) -> None:
+    def __init__(
+        self,
+        scene: SceneMesh,
+        class_numbers: Mapping[str, int] | None = None,
+        others: tuple[str, ...] = (),
+    ) -> None:
         """Number the objects of a scene.
 
+        Args:
+            scene: The scene.
+            class_numbers: Fixed numbers of all classes; None: by the scene.
+            others: Classes whose objects no scene has, numbered behind them.
+
         Raises:
-            DomainError: The world has more objects than numbers.
+            DomainError: The world has more objects than numbers, or a class has none.
         """
         if len(scene.objects) > _MAX_OBJECTS:
             raise DomainError(
@@ -152,42 +168,62 @@ class SceneLabels:
                 f"{_MAX_OBJECTS}: give items that belong together one Name="
             )
         self._scene = scene
-        names = {one.class_name for one in scene.objects} | {ROBOT_CLASS}
-        self.classes = tuple(sorted(names))
-        """Name of each class, the first of number 1."""
-        self._class_numbers = {name: number for number, name in enumerate(self.classes, 1)}
-        self.triangle_numbers: _Numbers = (scene.object_index + 1).astype(np.uint16)
+        self._first_moving = len(scene.objects) + 1
+        names = sorted({one.class_name for one in scene.objects} | {ROBOT_CLASS})
+        names += sorted({*others} - {*names})
+        if class_numbers is None:
+            class_numbers = {name: number for number, name in enumerate(names, 1)}
+            numbers = np.arange(1, len(scene.objects) + 1)
+        else:
+            numbers = np.array(_number_by_names(scene.objects), dtype=np.intp)
+            self._first_moving = _FIRST_MOVING
+        if missing := [name for name in names if name not in class_numbers]:
+            raise DomainError(f"classes without a number: {', '.join(missing)}")
+        self.classes = tuple(names)
+        """Name of each class."""
+        self._class_numbers = class_numbers
+        self._numbers = numbers
+        # The last one is of a scene without triangles.
+        self.triangle_numbers: _Numbers = np.append(numbers, 0)[scene.object_index].astype(
+            np.uint16
+        )
         """(n,) number of each triangle's object."""
+
+    def find_class_table(self, objects: tuple[DynamicObject, ...]) -> _Numbers:
+        """(65536,) number of the class of each object's number, in an exposure of objects."""
+        others = [one for one in objects if one.class_name != ROBOT_CLASS]
+        table = self.class_table.copy() if others else self.class_table
+        for one in others:
+            table[self.number_of(one)] = self._class_numbers[one.class_name]
+        return table
 
     @cached_property
     def class_table(self) -> _Numbers:
-        """(65536,) number of the class of each object's number; robots' behind the scene's."""
+        """The same without an exposure's own classes; robots' behind the scene's."""
         table = np.full(_MAX_NUMBER + 1, self._class_numbers[ROBOT_CLASS], dtype=np.uint16)
-        static = [self._class_numbers[one.class_name] for one in self._scene.objects]
-        table[1 : len(static) + 1] = static
+        table[self._numbers] = [self._class_numbers[one.class_name] for one in self._scene.objects]
         table[0] = 0
         return table
 
     def number_of(self, placed: DynamicObject) -> int:
         """Number of a robot."""
-        first = len(self._scene.objects) + 1
+        first = self._first_moving
         # After more robots than there are numbers the first ones are used again.
         return first + max(placed.number - 1, 0) % (_MAX_NUMBER + 1 - first)
 
     def describe(self, objects: tuple[DynamicObject, ...]) -> tuple[LabelledObject, ...]:
         """All objects of the world and of an exposure, by ascending number."""
+        rows = zip(self._numbers.tolist(), self._scene.objects, self._extents, strict=True)
         static = [
-            self._label(number, one.name, one.class_name, extent)
-            for number, (one, extent) in enumerate(
-                zip(self._scene.objects, self._extents, strict=True), 1
-            )
+            self._label(at, one.name, one.class_name, box)
+            for at, one, box in sorted(rows, key=lambda row: row[0])
         ]
         robots = {self.number_of(placed): placed for placed in objects}
         return (
             *static,
             *(
-                self._label(number, robots[number].name, ROBOT_CLASS, _extent_of(robots[number]))
-                for number in sorted(robots)
+                self._label(number, one.name, one.class_name, _extent_of(one))
+                for number, one in sorted(robots.items(), key=lambda row: row[0])
             ),
         )
 
@@ -210,6 +246,19 @@ class SceneLabels:
             scene.object_index[order], np.arange(len(scene.objects) + 1)
         ).tolist()
         return tuple(_enclose(scene, order[begin:end]) for begin, end in pairwise(bounds))
+
+
+def _number_by_names(objects: Sequence[SceneObject]) -> list[int]:
+    """Number of each object by its name alone, but where two names meet: one world in 65 000 for
+    each pair; then the later one takes the next free number."""
+    taken: dict[int, None] = {}
+    for one in objects:
+        word = int.from_bytes(hashlib.sha256(one.name.encode()).digest()[:8], "little")
+        number = 1 + word % (_FIRST_MOVING - 1)
+        while number in taken:
+            number = 1 + number % (_FIRST_MOVING - 1)
+        taken[number] = None
+    return [*taken]
 
 
 def _build_table(source: RaySource, samples: int) -> RayTable:

@@ -78,18 +78,25 @@ _MAX_RAY_BYTES = 256 * 2**20
 class LabelRenderer:
     """Ground truth in one scene."""
 
-    def __init__(self, renderer: TraceRenderer, scene: SceneMesh) -> None:
+    def __init__(
+        self,
+        renderer: TraceRenderer,
+        scene: SceneMesh,
+        class_numbers: Mapping[str, int] | None = None,
+        others: tuple[str, ...] = (),
+    ) -> None:
         """Number the scene's objects.
 
         Args:
             renderer: Traces the rays; closed by the owner.
             scene: The same scene.
+            class_numbers, others: As of `SceneLabels`.
 
         Raises:
             DomainError: The world has more objects than labels number.
         """
         self._renderer = renderer
-        self.labels = SceneLabels(scene)
+        self.labels = SceneLabels(scene, class_numbers, others)
         """Numbers of objects and classes."""
         self._meter = _OcclusionMeter(scene, self.labels)
         self._prepared: dict[tuple[RaySource, int], _PreparedRays] = {}  # last used at the end
@@ -174,7 +181,7 @@ class LabelRenderer:
         return LabelTables(
             self.labels.triangle_numbers,
             np.array(numbers, dtype=np.uint16),
-            self.labels.class_table,
+            self.labels.find_class_table(camera_state.objects),
         )
 
     def _flow_of(

@@ -30,6 +30,8 @@ from catoptra_server.render.image_changer import ImageChanger
 from catoptra_server.render.renderer import Image, LinearImage, RenderedImage, advance
 from catoptra_server.render.trace.ray_table import TILE_PX, Element, Float32s, RayTable
 from catoptra_server.world.objects import CameraState
+from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import World
 
 PixelLabels = dict[str, npt.NDArray[Any]]
 """(h, w) or (h, w, k) channels of labels by name."""
@@ -55,6 +57,9 @@ class TraceEngine(Protocol):
 
     def prepare(self, rays: RayTable) -> TracedRays:
         """Prepare the rays of a camera."""
+
+    def repaint(self, scene: SceneMesh, world: World) -> None:
+        """Show the same triangles in other looks and light; views stay."""
 
     def close(self) -> None:
         """Free the scene."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Literal
@@ -114,7 +114,12 @@ class TraceRenderer:
 
     def _make_view(self, camera: RadialCamera, table: RayTable) -> TraceView:
         """View of a camera's rays."""
-        return TraceView(camera, table, self._engine, self._lights)
+        return TraceView(camera, table, self._engine, lambda: self._lights)
+
+    def repaint(self, scene: SceneMesh, world: World) -> None:
+        """Show the same triangles in other looks and light; views stay prepared."""
+        self._engine.repaint(scene, world)
+        self._lights = world.lights
 
     def close(self) -> None:
         """Free the engine."""
@@ -169,7 +174,11 @@ class TraceView:
     """The rays of one camera."""
 
     def __init__(
-        self, camera: RadialCamera, table: RayTable, engine: TraceEngine, lights: tuple[Light, ...]
+        self,
+        camera: RadialCamera,
+        table: RayTable,
+        engine: TraceEngine,
+        find_lights: Callable[[], tuple[Light, ...]],
     ) -> None:
         """Prepare the rays.
 
@@ -177,7 +186,7 @@ class TraceView:
             camera: Camera model, for the effects.
             table: Rays of the image.
             engine: Engine of the rays, whose image changer applies image effects.
-            lights: Lights of the world, which may be in view.
+            find_lights: Lights of the world, which may be in view.
         """
         self._camera = camera
         self._table = table
@@ -185,7 +194,7 @@ class TraceView:
         self._sampled_rays: TracedRays | None = None
         """Rays of some tiles: made at the first automatic exposure."""
         self._engine = engine
-        self._lights = lights
+        self._find_lights = find_lights
 
     @property
     def memory_bytes(self) -> int:
@@ -253,7 +262,9 @@ class TraceView:
             # Loaded for the effect that reads sources: most cameras have none.
             from catoptra_server.effects.kernels.light_sources import find_light_sources
 
-            sources = find_light_sources(self._lights, self._camera, camera_state, frame.range_m)
+            sources = find_light_sources(
+                self._find_lights(), self._camera, camera_state, frame.range_m
+            )
         context = CaptureContext(camera_state.noise_seed, frame.range_m, sources)
         return ExposedImage(frame.image, self._camera, context)
 

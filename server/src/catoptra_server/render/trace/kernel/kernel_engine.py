@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -78,7 +77,12 @@ from catoptra_server.render.trace.trace_engine import (
 from catoptra_server.runtime.memory import release_freed_memory
 from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.shading import hemisphere_lights, object_lights, open_irradiance
+from catoptra_server.world.shading import (
+    OcclusionMap,
+    hemisphere_lights,
+    object_lights,
+    open_irradiance,
+)
 from catoptra_server.world.world_description import Light, World
 
 if TYPE_CHECKING:
@@ -334,6 +338,10 @@ class KernelEngine:
         self._world = world
         self._scene_lights = scene_lights
         self._owners: list[object] = []
+        self._looks: list[object] = []
+        """Arrays of lights and colours, until the scene is repainted."""
+        self._occlusions: dict[int, Any] = {}
+        """Structures of maps of light, by the identity of those, which they hold."""
         self._meshes: list[CommittedScene] = []
         self._objects = ObjectTable(self._device)
         self._has_shadow_tables = False
@@ -368,33 +376,63 @@ class KernelEngine:
             arrays = scene_arrays(self.scene, self.scene.centre, textures)
             mesh = pool.submit(self._commit, arrays, self.scene)
             tables = self._tabulate(self.scene)
-        lights, num_lights = light_array(self._world.lights, self._scene_lights, self.scene.centre)
         sky = self._world.sky
         # The table of greys is cached for the life of the process.
-        self._owners.append(lights)
         scene = SceneStruct(
             mesh=mesh.result(),
             num_textures=len(self.scene.textures),
             textures=ctypes.addressof(textures),
-            num_lights=num_lights,
-            lights=ctypes.addressof(lights),
-            hemisphere=hemisphere_struct(self._world.lights),
-            object_hemisphere=hemisphere_struct(object_lights(self._world)),
             srgb_table=srgb_table().ctypes.data,
             surfaces=self._keep(surfaces_struct(find_flat_surfaces(self.scene, self._device))),
             sky=None if sky is None else sky.texels.ctypes.data,
             sky_size=0 if sky is None else sky.size,
+            **self._light_members(),
             **tables,
         )
         # Gaps: float32s of textures, boxes of the hierarchy, 60 of 625 MiB in a house.
         release_freed_memory()
         return scene
 
+    def _light_members(self) -> dict[str, Any]:
+        lights, num_lights = light_array(self._world.lights, self._scene_lights, self.scene.centre)
+        self._looks.append(lights)
+        return {
+            "num_lights": num_lights,
+            "lights": ctypes.addressof(lights),
+            "hemisphere": hemisphere_struct(self._world.lights),
+            "object_hemisphere": hemisphere_struct(object_lights(self._world)),
+        }
+
+    def repaint(self, scene: SceneMesh, world: World) -> None:
+        """Show the same triangles in other colours, textures, gloss and light; views stay.
+
+        Args:
+            scene: Of `SceneMesh.repaint`, of the committed scene. Facets of one surface and look
+                have one look again: proofs about surfaces are those of the first scene.
+            world: The same world with other lights, all of which light the scene.
+        """
+        is_lit_alike = world.lights == self._world.lights
+        self.scene, self._world = scene, world
+        self._scene_lights = self._scene_lights if is_lit_alike else world.lights
+        self.__dict__.pop("_mean_tables", None)
+        self._radiances = None
+        if not is_lit_alike:
+            self._device.release_light_maps(self._scene)
+            self._has_shadow_tables = False
+        # After the last frame with the former ones.
+        self._looks = []
+        self._meshes[0].repaint(scene_arrays(scene, scene.centre, self._textures))
+        members = self._tabulate(scene) | self._light_members()
+        if self._has_shadow_tables and scene.occlusion is None:
+            members["ambient_radiance"] = self._tabulate_ambient(scene)
+        for name, value in members.items():
+            setattr(self._scene, name, value)
+
     def _tabulate(self, scene: SceneMesh) -> dict[str, Any]:
         """Members of a scene's structure that its map of light is in."""
         radiance = radiance_table(scene, self._scene_lights, self._world.background)
         encoded = encoded_table(radiance)
-        self._owners += [radiance, encoded]
+        self._looks += [radiance, encoded]
         # Read for shadows and hidden sky alone; until then the same table stands in.
         has_map = scene.occlusion is not None
         ambient = self._tabulate_ambient(scene) if has_map else radiance.ctypes.data
@@ -402,22 +440,35 @@ class KernelEngine:
             "sharp_radiance": radiance.ctypes.data,
             "ambient_radiance": ambient,
             "encoded": encoded.ctypes.data,
-            "occlusion": self._keep(occlusion_struct(scene.occlusion, scene.centre)),
+            "occlusion": self._find_occlusion(scene),
         }
+
+    def _find_occlusion(self, scene: SceneMesh) -> Any:
+        """Structure of a scene's map of light, made once: 30 ms of a furnished world."""
+        key = id(scene.occlusion)
+        if key not in self._occlusions:
+            owned = occlusion_struct(scene.occlusion, scene.centre)
+            self._occlusions[key] = self._keep(owned)
+        return self._occlusions[key]
+
+    @cached_property
+    def _mean_occlusion(self) -> OcclusionMap:
+        """The map of baked light with one factor on each grid."""
+        occlusion = self.scene.baked_light
+        assert occlusion is not None, "light is baked"
+        return occlusion.average()
 
     def _tabulate_ambient(self, scene: SceneMesh) -> int:
         """Address of the facets' radiance by hemisphere lights alone."""
         ambient = hemisphere_lights(self._scene_lights)
         radiance = radiance_table(scene, ambient, self._world.background)
-        self._owners.append(radiance)
+        self._looks.append(radiance)
         return radiance.ctypes.data
 
     @cached_property
     def _mean_tables(self) -> dict[str, Any]:
         """Members of the structure of a scene with one light on each grid of its map."""
-        occlusion = self.scene.baked_light
-        assert occlusion is not None, "light is baked"
-        return self._tabulate(replace(self.scene, occlusion=occlusion.average()))
+        return self._tabulate(self.scene.repaint(occlusion=self._mean_occlusion))
 
     def _choose_scene(self, state: CameraState, seen: npt.NDArray[np.uint8]) -> SceneStruct:
         """Structure of the scene as effects of a state show it.
@@ -457,7 +508,7 @@ class KernelEngine:
         if self.scene.occlusion is None:
             self._scene.ambient_radiance = self._tabulate_ambient(self.scene)
         # Else the triangles that are seen occlude as well: no second hierarchy.
-        if not self.scene.casts_shadows.all():
+        if not (self._scene.casters or self.scene.casts_shadows.all()):
             self._scene.casters = self._commit(
                 caster_arrays(self.scene, self.scene.centre, self._textures)
             )

@@ -37,12 +37,18 @@ class CommittedScene:
             owned: The triangles.
             scene: Scene whose casters share them; None for triangles that are nobody else's.
         """
+        self._device = device
         self.address = device.commit_mesh(owned.struct)
         weakref.finalize(self, _release, device, self.address, owned)
         if scene is not None and scene.coverage is None and scene.single_sided is None:
             # With the corners, whose identity is theirs alone as long as they are held.
             self._corners = scene.corners
             _SHARED[id(scene.corners)] = self
+
+    def repaint(self, owned: OwningStruct) -> None:
+        """Give the same triangles other looks."""
+        self._device.repaint_mesh(self.address, owned.struct)
+        self._looks = owned
 
 
 _SHARED: weakref.WeakValueDictionary[int, CommittedScene] = weakref.WeakValueDictionary()

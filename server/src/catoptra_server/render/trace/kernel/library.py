@@ -103,6 +103,10 @@ class KernelDevice:
         """Free a mesh."""
         self._library.catoptra_release_mesh(mesh)
 
+    def repaint_mesh(self, mesh: int, arrays: MeshArrays) -> None:
+        """Give the triangles of a mesh other looks; the arrays outlive the mesh, or the next."""
+        self._library.catoptra_repaint_mesh(mesh, ctypes.byref(arrays))
+
     def find_surfaces(
         self,
         facets: FacetSource,
@@ -281,6 +285,7 @@ def _load_library(path: Path) -> ctypes.CDLL:
         "catoptra_settle": (c_int32, (c_void_p,)),
         "catoptra_separate": (None, (c_void_p, c_int64, c_void_p, c_void_p)),
         "catoptra_release_mesh": (None, (c_void_p,)),
+        "catoptra_repaint_mesh": (None, (c_void_p, c_void_p)),
         "catoptra_find_surfaces": (c_int32, (c_void_p,) * 5),
         "catoptra_prepare": (c_void_p, (c_void_p, c_void_p, c_void_p)),
         "catoptra_view_bytes": (c_int64, (c_void_p,)),

@@ -96,6 +96,11 @@ class ReferenceEngine:
         """Number of object meshes committed so far."""
         return len(self._objects)
 
+    def repaint(self, scene: SceneMesh, world: World) -> None:
+        """Show the same triangles in other looks and light; as of `KernelEngine`."""
+        self._world, self._scene = world, trace_scene(scene, self._centre, world.lights)
+        self._objects.clear()
+
     def prepare(self, rays: RayTable) -> _ReferenceRays:
         """Keep the rays of a camera."""
         return _ReferenceRays(rays, self._make_frame, self._pool)

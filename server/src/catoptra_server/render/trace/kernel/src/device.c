@@ -54,6 +54,8 @@ Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error
     return NULL;
 }
 
+void catoptra_repaint_mesh(Mesh *mesh, const MeshArrays *arrays) { mesh->arrays = *arrays; }
+
 void catoptra_release_mesh(Mesh *mesh) {
     free_bvh(&mesh->bvh);
     free(mesh);

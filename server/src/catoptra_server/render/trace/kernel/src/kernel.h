@@ -298,6 +298,9 @@ CATOPTRA_EXPORT void catoptra_close(Device *device);
 CATOPTRA_EXPORT Mesh *catoptra_commit_mesh(Device *device, const MeshArrays *arrays, char *error);
 CATOPTRA_EXPORT void catoptra_release_mesh(Mesh *mesh);
 
+/* Other looks of the same triangles, whose corners are not read again. */
+CATOPTRA_EXPORT void catoptra_repaint_mesh(Mesh *mesh, const MeshArrays *arrays);
+
 /* Surfaces of (n,) triangles, into the arrays of `Surfaces`; their number, -1 if memory is
  * short. */
 CATOPTRA_EXPORT int32_t catoptra_find_surfaces(Device *device, const FacetSource *facets,
