@@ -20,7 +20,7 @@ render/trace/kernel/src/occlusion.c and glsl/include/occlusion.glsl.
 
 Where light is baked, grids have 16-bit factors of each colour, of a hemisphere light as bright as
 the brightest node: sky, area lights and all that surfaces reflect (render/trace/occlusion/
-light_bake.py). Dynamic objects then have a hemisphere light of their own.
+light_bake.py). Dynamic objects then have the light of probes about their centres.
 """
 
 from __future__ import annotations
@@ -85,6 +85,12 @@ def facet_irradiance(lights: Iterable[Light], normals: Floats) -> Floats:
     total = np.zeros((3, len(normals)))
     for light in lights:
         match light:
+            case HemisphereLight(sides=sides) if sides is not None:
+                # The even part weighs the means of opposite sides by squares of the normal.
+                one, other = light.faces[::2], light.faces[1::2]
+                irradiance = matmul(normals, 0.5 * (one - other))
+                irradiance += matmul(np.square(normals), 0.5 * (one + other))
+                total += np.maximum(irradiance, 0.0).T
             case HemisphereLight(up_irradiance, down_irradiance):
                 # z points down: an upward facet has normal z = -1.
                 upward = 0.5 * (1.0 - normals[:, 2])
@@ -131,12 +137,14 @@ def hemisphere_lights(lights: Iterable[Light]) -> tuple[HemisphereLight, ...]:
     return tuple(light for light in lights if isinstance(light, HemisphereLight))
 
 
-def object_lights(world: World) -> tuple[Light, ...]:
-    """Lights of dynamic objects."""
-    if world.object_sky is None:
+def object_lights(world: World, place: Floats | None = None) -> tuple[Light, ...]:
+    """Lights of dynamic objects, at a (3,) place or wherever they are."""
+    sky = world.object_sky
+    if world.probes is not None and place is not None:
+        sky = world.probes.find_light(place)
+    if sky is None:
         return world.lights
-    others = (light for light in world.lights if not isinstance(light, HemisphereLight))
-    return (world.object_sky, *others)
+    return (sky, *(light for light in world.lights if not isinstance(light, HemisphereLight)))
 
 
 def open_irradiance(lights: Iterable[Light]) -> Vector3:

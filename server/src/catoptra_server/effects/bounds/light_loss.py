@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Collection
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -81,6 +82,9 @@ class ObjectRadiances:
     """Largest radiances of dynamic objects in one world."""
 
     def __init__(self, world: World) -> None:
+        if world.probes is not None:
+            largest = HemisphereLight(world.probes.largest, world.probes.largest)
+            world = replace(world, lights=(largest, *shadow_casting_lights(world.lights)))
         self._irradiance = _max_irradiance_of_any_facet(world)
         lamps = point_lights(world.lights)
         self._positions_m = np.array([lamp.position_m for lamp in lamps]).reshape(-1, 3)

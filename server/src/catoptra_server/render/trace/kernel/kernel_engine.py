@@ -485,7 +485,7 @@ class KernelEngine:
 
         `seen` as of `_choose_scene`.
         """
-        frame = exposure_arrays(exposure, self.scene, self._objects)
+        frame = exposure_arrays(exposure, self.scene, self._objects, self._world.probes)
         struct = frame.struct
         if struct.has_shadows:
             self._prepare_shadows()
@@ -548,7 +548,7 @@ class KernelEngine:
 
     def trace_bare(self, view: int, exposure: TracedExposure) -> None:
         """Trace a view's rays without any use of the hits."""
-        frame = exposure_arrays(exposure, self.scene, self._objects)
+        frame = exposure_arrays(exposure, self.scene, self._objects, self._world.probes)
         self._device.trace(self._scene, view, frame.struct)
 
     def close(self) -> None:

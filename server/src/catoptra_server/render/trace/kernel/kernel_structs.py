@@ -213,6 +213,7 @@ class FrameStruct(ctypes.Structure):
         ("num_objects", c_int32),
         ("objects", c_void_p),
         ("object_poses", c_void_p),
+        ("object_light", c_void_p),
         ("num_boxes", c_int32),
         ("boxes", c_void_p),
         ("box_object", c_void_p),

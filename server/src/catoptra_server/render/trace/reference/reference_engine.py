@@ -60,7 +60,7 @@ from catoptra_server.render.trace.trace_engine import (
     first_state,
     invert_ranges,
 )
-from catoptra_server.world.objects import CameraState, ObjectMesh
+from catoptra_server.world.objects import CameraState, DynamicObject, ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import hemisphere_lights, object_lights
 from catoptra_server.world.world_description import Light, World, srgb_from_linear
@@ -105,7 +105,7 @@ class ReferenceEngine:
         states = camera_states(exposure)
         objects = (
             (
-                self._find_object(copies[0].mesh),
+                self._find_object(copies[0]),
                 tuple(self._relative(copy.world_from_object) for copy in copies),
             )
             for copies in zip(*(state.objects for state in states), strict=True)
@@ -135,11 +135,12 @@ class ReferenceEngine:
         """Pose relative to the scene's centre. Both may be far from the world's origin."""
         return Pose(pose.rotation, pose.translation - self._centre)
 
-    def _find_object(self, mesh: ObjectMesh) -> TracedMesh:
+    def _find_object(self, placed: DynamicObject) -> TracedMesh:
         """An object's mesh with all lights: objects move towards lights that the scene culls."""
+        mesh = placed.mesh
         if mesh not in self._objects:
-            self._objects[mesh] = trace_object(mesh, object_lights(self._world))
-        return self._objects[mesh]
+            self._objects[mesh] = trace_object(mesh, ())
+        return replace(self._objects[mesh], lights=object_lights(self._world, placed.centre))
 
     def close(self) -> None:
         """End the threads."""

@@ -235,6 +235,8 @@ typedef struct {
     int32_t num_objects;
     Mesh *const *objects;     /* (o,) */
     const Pose *object_poses; /* (K, o) the frame's coordinates from each object's frame */
+    /* (o, 6, 3) irradiance of surfaces that face x, -x, y, -y, down and up; NULL: the scene's. */
+    const float *object_light;
     int32_t num_boxes;
     const float *boxes;        /* (b, 6) centre and half size in the frame of an object */
     const int32_t *box_object; /* (b,) index of the object that a box encloses a part of */
