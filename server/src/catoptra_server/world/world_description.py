@@ -236,6 +236,14 @@ class HemisphereLight:
         sides = [0.5 * (up + down)] * 4 if self.sides is None else self.sides
         return np.array([*sides, down, up])
 
+    @property
+    def largest(self) -> Floats:
+        """(3,) bound of the irradiance of any surface."""
+        one, other = self.faces[::2], self.faces[1::2]
+        odd = np.sqrt(np.square(0.5 * (one - other)).sum(axis=0))
+        largest: Floats = odd + 0.5 * (one + other).max(axis=0)
+        return largest
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LightProbes:
@@ -263,15 +271,6 @@ class LightProbes:
             cell = cell[0] + rest * (cell[-1] - cell[0])
         right, left, front, back, down, up = map(tuple, cell.tolist())
         return HemisphereLight(up, down, (right, left, front, back))
-
-    @property
-    def largest(self) -> Rgb:
-        """Bound of the irradiance of any surface at any place."""
-        one, other = self.faces[..., ::2, :], self.faces[..., 1::2, :]
-        slope = np.sqrt(np.square(0.5 * (one - other)).sum(axis=-2))
-        bound = slope + 0.5 * (one + other).max(axis=-2)
-        red, green, blue = bound.reshape(-1, 3).max(axis=0).tolist()
-        return red, green, blue
 
 
 @dataclass(frozen=True, slots=True)

@@ -358,6 +358,7 @@ class BakeJob(ctypes.Structure):
     _fields_: ClassVar[Fields] = [
         *_addresses("mesh", "casters"),
         ("num_nodes", c_int32),
+        ("first_probe", c_int32),
         *_addresses("positions", "grid", "axes", "normals", "grid_of", "slot_of", "patches"),
         ("width", c_int32),
         ("sky_slot", c_int32),

@@ -8,7 +8,8 @@ reflect of them is. Source: Cohen & Wallace 1993, "Radiosity and Realistic Image
 form factors by rays.
 
 Probes for what moves stand on a regular grid of the scene's box, each of six nodes that face along
-the axes; one inside a solid has the light of those beside it. Walls between two do not count.
+the axes; one that sees backs, inside a solid or out of a room, has the light of those beside it. Walls
+between two do not count.
 
 Passes of 16 rays, each shifted by random numbers of its own, are independent estimates: a node's
 standard error is that of their mean. A tent over three by three nodes takes most noise; where it
@@ -350,6 +351,7 @@ class LightBake:
             mesh=mesh.address,
             casters=casters.address,
             num_nodes=len(grid),
+            first_probe=len(self._nodes.patch),
             width=self._is_node.shape[1],
             sky_slot=size + len(self._rows),
             sky_side=_SKY_SIDE,
@@ -513,7 +515,7 @@ class LightBake:
         self._device.gather(job)
 
     def _finish_probes(self, means: Floats) -> LightProbes:
-        """Probes of (6 p, 3) means; those inside solids have the light of the nearest beside."""
+        """Probes of (6 p, 3) means; those that see backs have the light of the nearest beside."""
         shape = self._probes.faces.shape[:3]
         faces = means.reshape(*shape, 6, 3)
         backs = self._backs[len(self._nodes.patch) :].reshape(*shape, 6).sum(axis=-1)

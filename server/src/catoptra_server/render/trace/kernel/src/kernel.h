@@ -344,6 +344,7 @@ typedef struct {
     const Mesh *mesh;        /* surfaces that rays end on */
     const Mesh *casters;     /* what hides lamps; NULL: nothing */
     int32_t num_nodes;
+    int32_t first_probe;     /* nodes from here on stand free: they see no back from outside */
     const double *positions; /* (n, 3) before their surfaces */
     const int32_t *grid;     /* (n,) */
     const float *axes;       /* (m, 3, 3) of each grid: two along it, and its normal */
@@ -359,7 +360,7 @@ typedef struct {
     const float *turns;      /* (256, 2) cosines and sines of turns about the normal */
     int32_t *hits;           /* of the first node's first ray */
     int64_t stride;          /* from node to node */
-    int32_t *backs;          /* (n,) counts rays that meet backs near their node */
+    int32_t *backs;          /* (n,) counts rays that meet backs, near nodes of surfaces */
     int32_t num_lamps;
     const BakeLamp *lamps;
     float *light;            /* (n, num_lamps) irradiance by lamps of one unit is added */
