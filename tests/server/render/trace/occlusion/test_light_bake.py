@@ -126,7 +126,7 @@ def test_probes_have_the_light_of_own_rays_and_no_solid_darkens_them() -> None:
     world = make_lamp_world()
     scene = build_scene(world)
     light = bake_light(scene, world, MAX_PASSES, threads=2)
-    # In the open floor, whose box reaches 0.1 m below: half of the sky's lower light is hidden.
+    # The nodes in a floor of 0.2 m have the light of those above.
     walls = replace(world, items=SIX_WALLS[1:2], area_lights=())
     open_sky = bake_light(build_scene(walls), walls, MAX_PASSES, threads=2)
     exact = bake_light(scene, world, 4096 // RAYS_PER_PASS, threads=2)

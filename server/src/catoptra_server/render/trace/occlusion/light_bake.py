@@ -520,8 +520,9 @@ class LightBake:
         faces = means.reshape(*shape, 6, 3)
         backs = self._backs[len(self._nodes.patch) :].reshape(*shape, 6).sum(axis=-1)
         known = backs <= _INSIDE_SHARE * 6 * self.num_passes * RAYS_PER_PASS
+        known |= not known.any()
         faces[~known] = 0.0
-        for _ in range(sum(shape) if known.any() else 0):
+        for _ in range(sum(shape)):
             wide, count = np.pad(faces, _BORDER), np.pad(known.astype(np.float64), 1)
             total, number = np.zeros(faces.shape), np.zeros(shape)
             for axis in range(3):
@@ -622,8 +623,9 @@ class LightBake:
 
 
 def _place_probes(scene: SceneMesh) -> LightProbes:
-    """Dark probes all over a scene's box."""
-    size = np.maximum(scene.box_max - scene.box_min, 1e-3)
+    """Dark probes all over a scene's box, and a metre above, where robots stand on it."""
+    first = scene.box_min - np.array([0.0, 0.0, 1.0])
+    size = np.maximum(scene.box_max - first, 1e-3)
     distance_m = _MIN_PROBE_DISTANCE_M
     while True:
         counts = np.ceil(size / distance_m).astype(np.intp)
@@ -631,7 +633,7 @@ def _place_probes(scene: SceneMesh) -> LightProbes:
             break
         distance_m *= 1.05
     step = size / counts
-    return LightProbes(scene.box_min + 0.5 * step, step, np.zeros((*counts, 6, 3), np.float32))
+    return LightProbes(first + 0.5 * step, step, np.zeros((*counts, 6, 3), np.float32))
 
 
 def _add_spare_grid(scene: SceneMesh, frames: SurfaceFrames) -> tuple[SurfaceFrames, bool]:
