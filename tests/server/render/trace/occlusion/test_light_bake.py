@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from catoptra_protocol.optics.numerics import Bools
+from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects import EffectSettings, Threshold, name_effect
 from catoptra_server.effects.bounds.light_loss import ObjectRadiances
@@ -34,7 +34,7 @@ from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TraceRequest
 from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
-from catoptra_server.world.shading import facet_irradiance
+from catoptra_server.world.shading import box_form_factors, facet_irradiance
 from catoptra_server.world.world_description import (
     Box,
     Cylinder,
@@ -168,6 +168,62 @@ def test_robots_have_the_light_of_their_places_in_all_renderers() -> None:
         assert level_differences(other, one).max() > 20
         radiances = ObjectRadiances(world)
         assert 0.1 < radiances.max_radiance(robots) < ObjectRadiances(bare).max_radiance(robots)
+
+
+def test_box_hides_what_rays_of_the_cosine_meet() -> None:
+    half = np.array([0.3, 0.25, 0.15])
+    generator = np.random.default_rng(4)
+    tilt, turn = generator.uniform(size=(2, 20000))
+    tilt, turn = np.sqrt(tilt), 2.0 * np.pi * turn
+    rays = np.stack((tilt * np.cos(turn), tilt * np.sin(turn), np.sqrt(1.0 - tilt**2)), axis=-1)
+    points = generator.uniform(-0.9, 0.9, (40, 3))
+    normals = generator.normal(size=(40, 3))
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    factors = box_form_factors(points, normals, half)
+    for point, normal, factor in zip(points, normals, factors, strict=True):
+        side = np.cross(normal, np.roll(normal, 1) + 0.1)
+        side /= np.linalg.norm(side)
+        along = rays @ np.stack((side, np.cross(normal, side), normal))
+        ends = np.sort((np.stack((-half, half))[:, None] - point) / along, axis=0)
+        is_met = (ends[0].max(axis=-1) < ends[1].min(axis=-1)) & (ends[1].min(axis=-1) > 0.0)
+        expected = 0.0 if (np.abs(point) < half).all() else is_met.mean()
+        assert factor == pytest.approx(expected, abs=0.015)
+
+
+def test_robots_shade_the_floor_in_both_engines_and_filled_tiles() -> None:
+    world = World("open", SIX_WALLS[1:2], lights=(HEMISPHERE_LIGHT,))
+    scene = build_scene(world)
+    scene, world = bake_light(scene, world, 2, threads=2).apply(scene, world)
+    state = CameraState(Pose.from_rpy((0.1, -0.3, -1.3), (0.02, -0.03, 0.3)), TWO_ROBOTS)
+    alone = replace(state, objects=())
+    pictures = {}
+    for name in ENGINES:
+        with open_engine(name, world, scene=scene) as engine:
+            rays = engine.prepare(make_omni_table(width_px=96))
+            pictures[name] = rays.render_linear(state), rays.render_linear(alone)
+    (one, bare), (other, _) = pictures.values()
+    assert np.percentile(level_differences(*map(encode_linear, (one, other))), 99.5) <= 1
+    is_floor = np.abs(one - bare).max(axis=-1) > 0.0
+    ratio = (one / np.where(bare > 0.0, bare, 1.0))[..., 1]
+    # The nearest floor lacks a third, and nothing is lit brighter.
+    assert ((ratio > 0.5) & (ratio < 0.85) & is_floor).sum() > 20
+    with open_kernel(world, scene=scene) as engine:
+        rays = engine.prepare(make_omni_table(width_px=240, samples=2))
+        filled, traced, share = render_filled_and_traced(engine, rays, state)
+        threshold = {"BakedLight": Threshold(1.0)}
+        frame = rays.render(state, TraceRequest(is_linear=True, thresholds=threshold))
+        plain = rays.render_linear(replace(state, has_baked_light=False))
+    assert share > 0.2
+    assert level_differences(filled, traced).max() <= 2
+    change = measure_change(frame.image, plain)
+    stated = frame.changes["BakedLight"]
+    assert change.largest <= stated.largest < 255.0
+    (bound,) = (one.bound for one in decide(scene, world, state) if one.effect == "BakedLight")
+    assert stated.largest <= bound
+
+
+def encode_linear(light: Floats) -> Floats:
+    return np.round(255.0 * srgb_from_linear(np.clip(light, 0.0, 1.0)))
 
 
 def find_nodes(light: NodeLight) -> Bools:

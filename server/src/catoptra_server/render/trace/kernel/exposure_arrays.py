@@ -40,7 +40,7 @@ from catoptra_server.render.trace.trace_engine import (
     camera_states,
 )
 from catoptra_server.runtime.memory import LruDict
-from catoptra_server.world.objects import CameraState, ObjectMesh
+from catoptra_server.world.objects import CameraState, ObjectMesh, find_body
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.world_description import LightProbes
 
@@ -118,11 +118,16 @@ def exposure_arrays(
         lights = [probes.find_light(placed.centre).faces for placed in states[0].objects]
         light = np.array(lights, dtype=np.float32)
         struct.object_light = light.ctypes.data
+    shades = None
+    if scene.baked_light is not None and states[0].has_baked_light and states[0].objects:
+        boxes = [find_body(placed.mesh) for placed in states[0].objects]
+        shades = np.array(boxes, dtype=np.float32)
+        struct.shades = shades.ctypes.data
     fog = states[0].fog
     if fog is not None:
         struct.fog_density = fog.density_per_m
         struct.airlight[:] = fog.airlight
-    return OwningStruct(struct, (array, objects, light))
+    return OwningStruct(struct, (array, objects, light, shades))
 
 
 def change_limits(threshold: Threshold, num_pixels: int, spread: int = 1) -> ChangeLimits:

@@ -117,7 +117,7 @@ class OcclusionStruct(ctypes.Structure):
         ("height", c_int32),
         *_addresses("texels", "light", "patch_of", "patches"),
         ("num_patches", c_int32),
-        *_addresses("dark_sums", "flat_factors", "seen"),
+        *_addresses("dark_sums", "flat_factors", "means"),
     ]
 
 
@@ -214,6 +214,7 @@ class FrameStruct(ctypes.Structure):
         ("objects", c_void_p),
         ("object_poses", c_void_p),
         ("object_light", c_void_p),
+        ("shades", c_void_p),
         ("num_boxes", c_int32),
         ("boxes", c_void_p),
         ("box_object", c_void_p),
@@ -261,6 +262,7 @@ class FrameCounts(ctypes.Structure):
         ("blur_ms", c_float),
         ("fog_change", PixelChange),
         ("gloss_change", PixelChange),
+        ("light_change", PixelChange),
     ]
 
 

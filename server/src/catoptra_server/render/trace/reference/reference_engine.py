@@ -87,6 +87,7 @@ class ReferenceEngine:
         self._world = world
         self._centre = scene.centre
         self._scene = trace_scene(scene, self._centre, scene_lights)
+        self._is_baked = scene.baked_light is not None
         self._objects: dict[ObjectMesh, TracedMesh] = {}
         self.image_changer = NumpyImageChanger()
         self.description = "reference (NumPy float64)"
@@ -120,6 +121,7 @@ class ReferenceEngine:
                 states[0].has_gloss,
                 states[0].fog,
                 self._world.sky if states[0].has_sky else None,
+                states[0].objects if states[0].has_baked_light and self._is_baked else (),
                 hemisphere_lights(object_lights(self._world)),
             ),
         )
@@ -127,7 +129,7 @@ class ReferenceEngine:
     def _find_scene(self, state: CameraState) -> TracedMesh:
         """The static scene, with one light on each grid where a state has no more."""
         occlusion = self._scene.occlusion
-        if state.has_baked_light or occlusion is None or occlusion.ranges is None:
+        if state.has_baked_light or occlusion is None or not self._is_baked:
             return self._scene
         return replace(self._scene, occlusion=occlusion.average())
 

@@ -139,7 +139,7 @@ typedef struct {
     int32_t num_patches;           /* m */
     const int32_t *dark_sums;      /* (h + 1, w + 1) nodes above and left that are not open */
     const float *flat_factors;        /* (n, 3) factors of facets without a grid; NULL: all 1 */
-    uint8_t *seen;                 /* (m,) becomes 1 for grids that a frame looks up; or NULL */
+    const float *means; /* (m, 3) factors without the effect; NULL: its change is not wanted */
 } Occlusion;
 
 typedef struct {
@@ -237,6 +237,9 @@ typedef struct {
     const Pose *object_poses; /* (K, o) the frame's coordinates from each object's frame */
     /* (o, 6, 3) irradiance of surfaces that face x, -x, y, -y, down and up; NULL: the scene's. */
     const float *object_light;
+    /* (o, 6) centre and half sides of the box by which each object shades baked light, in its
+     * frame; half sides of 0: it shades none. NULL: none does. */
+    const float *shades;
     int32_t num_boxes;
     const float *boxes;        /* (b, 6) centre and half size in the frame of an object */
     const int32_t *box_object; /* (b,) index of the object that a box encloses a part of */
@@ -288,6 +291,7 @@ typedef struct {
     float blur_ms;              /* time for the instants */
     PixelChange fog_change;
     PixelChange gloss_change; /* pixels counted by their samples */
+    PixelChange light_change; /* by baked light; likewise */
 } FrameCounts;
 
 CATOPTRA_EXPORT int32_t catoptra_abi(int32_t structure);

@@ -95,12 +95,16 @@ static int are_near(const float columns[BLOCK_RAYS], const float rows[BLOCK_RAYS
 
 static void write_factors(const FrameState *state, int tile, int32_t triangle,
                           Vec3 light, const float factors[3][BLOCK_RAYS]) {
-    float radiance[3][BLOCK_RAYS];
+    float radiance[3][BLOCK_RAYS], sky[3][BLOCK_RAYS];
     float whole[3] = {light.x, light.y, light.z};
     const float *ambient = state->scene->ambient_radiance + 3 * (size_t)triangle;
     for (int channel = 0; channel < 3; channel++)
-        for (int i = 0; i < BLOCK_RAYS; i++)
+        for (int i = 0; i < BLOCK_RAYS; i++) {
+            sky[channel][i] = ambient[channel];
             radiance[channel][i] = whole[channel] - (1.0f - factors[channel][i]) * ambient[channel];
+        }
+    note_light(state, triangle, 0xffff, (const float(*)[BLOCK_RAYS])radiance,
+               (const float(*)[BLOCK_RAYS])sky, factors);
     write_radiance(state, tile, (const float(*)[BLOCK_RAYS])radiance);
     if (state->frame->inverse_range)
         fill_ranges(state, tile, triangle);

@@ -159,6 +159,13 @@ static Vec3 base_radiance(const FrameState *state, int object, int triangle, int
     return multiply(albedo, irradiance);
 }
 
+/* Whether less than all of the sky may reach points of a static facet. */
+static int is_dim(const FrameState *state, int32_t triangle) {
+    return has_occlusion(state->scene, triangle) ||
+           (state->frame->shades &&
+            !(state->scene->mesh->arrays.flags[triangle] & FACET_UNLIT));
+}
+
 /* Radiance from the tables; which other rays' radiance has to be computed, and how. */
 static void look_up(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                     SurfaceBlock *surface, float radiance[3][BLOCK_RAYS]) {
@@ -174,7 +181,7 @@ static void look_up(const FrameState *state, const RayBlock *rays, const HitBloc
         if (object == OBJECT_STATIC &&
             state->scene->mesh->arrays.flags[triangle] & FACET_TWO_SIDED)
             same = 1u << lane;
-        if (object == OBJECT_STATIC && has_occlusion(state->scene, triangle))
+        if (object == OBJECT_STATIC && is_dim(state, triangle))
             surface->dim |= same;
         if (!is_back && is_tabulated(state, object, triangle)) {
             set_lanes(radiance, same, table_entry(state, object, triangle));
