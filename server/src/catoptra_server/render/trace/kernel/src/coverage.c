@@ -356,8 +356,9 @@ static void prove_part(Search *search, const BeamSides *sides, Part *part) {
         part->content.object == OBJECT_NONE) {
         Vec3 corners[4];
         find_quad(search->state, sides, part->content.triangle, corners);
+        part->content.is_shaded = may_be_shaded(search->state, corners);
         /* No proof about the facet's light holds beside a body. */
-        if (may_be_shaded(search->state, corners))
+        if (part->content.is_shaded && !has_occlusion(search->state->scene, part->content.triangle))
             part->content.object = OBJECT_ANY;
     }
     /* Nothing but small things: no quarter of it can be proven. */

@@ -283,7 +283,8 @@ static void fill_block(const FrameState *state, const TileContent *content, cons
 
 static void shade(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                   const TileContent *content, float radiance[3][BLOCK_RAYS], LostLight *lost) {
-    int is_known = content->triangle >= 0 && content->object == OBJECT_NONE;
+    int is_known = content->triangle >= 0 && content->object == OBJECT_NONE &&
+                   !(content->is_shaded && !content->factors);
     PlaneLight light;
     if (!is_known || rays->active != 0xffff ||
         !find_plane_light(state, content->triangle, content->proof, &light)) {
