@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from mpmath import mpf, sqrt
+from mpmath import atan, mpf, pi, sqrt
 
 from stability.references.writing import case, refusal, write
 
@@ -25,6 +25,10 @@ LAMP = {
 BAKED = {
     "float64": {"rel": 1e-5, "reason": "16 bits, and bounces that are left out"},
     "float32": {"rel": 1e-5, "reason": "16 bits, and bounces that are left out"},
+}
+FORM_FACTOR = {
+    "float64": {"rel": 1e-12, "abs": 1e-14, "reason": "sums of angles that cancel"},
+    "float32": {"rel": 1e-4, "abs": 1e-6, "reason": "sums of angles that cancel"},
 }
 KNEE = 0.0031308
 LINEAR = {
@@ -96,6 +100,53 @@ def furnace_rows() -> list[dict[str, Any]]:
     ]
 
 
+def beside_rows() -> list[dict[str, Any]]:
+    """Cases of a box before a point whose horizon cuts it: a robot beside a spot of the floor."""
+    names = ("distance_m", "half_width_m", "height_m", "below_m")
+    boxes = {
+        "a robot on the floor": (0.3, 0.25, 0.3, 0.0),
+        "a millimetre before it": (1e-3, 0.25, 0.3, 0.0),
+        "at the end of its shade": (0.8, 0.25, 0.3, 0.0),
+        "half below the horizon": (0.3, 0.25, 0.15, 0.15),
+        "almost all below the horizon": (0.3, 0.25, 1e-6, 0.3),
+        "a wall": (0.3, 50.0, 50.0, 0.0),
+        "far away": (1e3, 0.25, 0.3, 0.0),
+    }
+    return [
+        case(name, dict(zip(names, box, strict=True)), exact=beside, tolerance=FORM_FACTOR)
+        for name, box in boxes.items()
+    ]
+
+
+def above_rows() -> list[dict[str, Any]]:
+    """Cases of a box over a point, or before one that faces it."""
+    names = ("distance_m", "half_x_m", "half_y_m")
+    boxes = {
+        "below a robot": (0.1, 0.25, 0.3),
+        "a tenth of a millimetre below": (1e-4, 0.25, 0.3),
+        "far below": (1e3, 0.25, 0.3),
+        "a narrow beam": (0.1, 1e-3, 0.3),
+    }
+    return [
+        case(name, dict(zip(names, box, strict=True)), exact=above, tolerance=FORM_FACTOR)
+        for name, box in boxes.items()
+    ]
+
+
+def beside(distance_m: Any, half_width_m: Any, height_m: Any, below_m: Any) -> Any:
+    """Twice a rectangle perpendicular to the point's plane: Howell's catalogue, C-4."""
+    x, y = height_m / half_width_m, distance_m / half_width_m
+    root = sqrt(x**2 + y**2)
+    return (atan(1 / y) - y / root * atan(1 / root)) / pi + 0 * below_m
+
+
+def above(distance_m: Any, half_x_m: Any, half_y_m: Any) -> Any:
+    """Four parallel rectangles whose corners are over the point: Howell's catalogue, C-3."""
+    x, y = half_x_m / distance_m, half_y_m / distance_m
+    of_x, of_y = sqrt(1 + x**2), sqrt(1 + y**2)
+    return 2 / pi * (x / of_x * atan(y / of_x) + y / of_y * atan(x / of_y))
+
+
 def furnace(albedo: Any) -> Any:
     """The sum of all bounces: 1 + albedo + albedo^2 and so on."""
     return 1 / (1 - albedo)
@@ -130,3 +181,5 @@ if __name__ == "__main__":
     write("light", "sample_sums", sum_rows())
     write("light", "point_irradiance", lamp_rows())
     write("light", "furnace", furnace_rows())
+    write("light", "box_beside", beside_rows())
+    write("light", "box_above", above_rows())

@@ -65,8 +65,24 @@ def _furnace(albedo: float) -> float:
     return float(light.brightest[0] * factors[0, 0])
 
 
+def _box_beside(distance_m: float, half_width_m: float, height_m: float, below_m: float) -> float:
+    """Form factor of a box before a point that faces up."""
+    half = np.array([0.2, half_width_m, 0.5 * (height_m + below_m)])
+    place = np.array([[-half[0] - distance_m, 0.0, half[2] - below_m]])
+    return float(shading.box_form_factors(place, np.array([[0.0, 0.0, -1.0]]), half)[0])
+
+
+def _box_above(distance_m: float, half_x_m: float, half_y_m: float) -> float:
+    """Form factor of a box over a point that faces up."""
+    half = np.array([half_x_m, half_y_m, 0.15])
+    place, up = np.array([[0.0, 0.0, 0.15 + distance_m]]), np.array([[0.0, 0.0, -1.0]])
+    return float(shading.box_form_factors(place, up, half)[0])
+
+
 SUBJECTS = {
     "furnace": _furnace,
+    "box_beside": _box_beside,
+    "box_above": _box_above,
     "srgb_from_linear": _encode,
     "sample_sums": _greys,
     "point_irradiance": _irradiance,

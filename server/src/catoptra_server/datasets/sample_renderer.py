@@ -211,8 +211,9 @@ def _scale_lights(world: World, factor: float, groups: Mapping[str, float]) -> W
     Baked light has the factors of groups; the one of all is all that its lamps differ by.
     """
     sky = None if world.object_sky is None else _scale_hemisphere(world.object_sky, factor)
+    probes = world.probes and replace(world.probes, faces=factor * world.probes.faces)
     lights = tuple(_scale_light(light, factor, groups) for light in world.lights)
-    return replace(world, lights=lights, object_sky=sky)
+    return replace(world, lights=lights, object_sky=sky, probes=probes)
 
 
 def _scale_hemisphere(light: HemisphereLight, factor: float) -> HemisphereLight:

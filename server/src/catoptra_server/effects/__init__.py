@@ -260,6 +260,8 @@ class SceneSummary:
     """Map of baked light; None without."""
     open_irradiance: Vector3 = (0.0, 0.0, 0.0)
     """Irradiance of its factor 1."""
+    has_bodies: bool = False
+    """Whether dynamic objects may shade it."""
     max_fresnel: float = 0.0
     """Largest part of its light that a glossy surface mirrors; 0 without such surfaces."""
     camera_key: tuple[int, int] | None = None

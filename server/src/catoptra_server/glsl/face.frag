@@ -33,7 +33,7 @@ flat in vec3 facet_emission;         // added to what is reflected
 #ifdef BENT
 in vec3 shading_normal;              // between the corners, of any length
 flat in float facet_bend;
-uniform vec3 sky_up, sky_down;       // irradiance by all hemisphere lights
+uniform vec3 sky_faces[6];           // irradiance of surfaces that face x, -x, y, -y, down, up
 #if NUM_SUNS > 0
 uniform vec3 sun_directions[NUM_SUNS];   // unit, towards the lights that nothing occludes
 uniform vec3 sun_irradiances[NUM_SUNS];
@@ -50,7 +50,12 @@ vec3 bent_normal()
 
 vec3 sky_irradiance(vec3 normal)
 {
-    return mix(sky_down, sky_up, 0.5 * (1.0 - normal.z));
+    vec3 total = vec3(0.0);
+    for (int i = 0; i < 3; i++) {
+        vec3 one = sky_faces[2 * i], other = sky_faces[2 * i + 1];
+        total += 0.5 * normal[i] * (one - other + normal[i] * (one + other));
+    }
+    return max(total, vec3(0.0));
 }
 
 vec3 sun_irradiance(vec3 normal)

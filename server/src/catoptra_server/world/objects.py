@@ -36,6 +36,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import field, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -57,6 +58,10 @@ from catoptra_server.world.world_description import (
 
 if TYPE_CHECKING:
     from catoptra_server.world.scene_mesh import SceneMesh
+
+
+# Shares of an object's surface between which it is massive.
+_MASSIVE = (0.05, 0.95)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,6 +219,23 @@ def build_object_mesh(
         # Shared by all objects of a class and by caches that are keyed by the mesh.
         array.setflags(write=False)
     return mesh
+
+
+@lru_cache(maxsize=64)
+def find_body(mesh: ObjectMesh) -> tuple[float, ...]:
+    """Centre and half sides of the box about what is massive of an object, in its frame, metres.
+
+    A mast is not: along each axis a twentieth of the surface is beyond either end.
+    """
+    first, second, third = np.moveaxis(mesh.corners, 1, 0)
+    area = np.linalg.norm(np.cross(second - first, third - first), axis=-1)
+    ends = []
+    for values in mesh.corners.mean(axis=1).T:
+        order = np.argsort(values, kind="stable")
+        covered = np.cumsum(area[order]) / area.sum()
+        ends.append(values[order[np.searchsorted(covered, _MASSIVE)]])
+    low, high = np.array(ends).T
+    return (*(0.5 * (low + high)).tolist(), *(0.5 * (high - low)).tolist())
 
 
 def _find_looks(body: SceneMesh, num_others: int) -> dict[str, Any]:

@@ -20,7 +20,7 @@ render/trace/kernel/src/occlusion.c and glsl/include/occlusion.glsl.
 
 Where light is baked, grids have 16-bit factors of each colour, of a hemisphere light as bright as
 the brightest node: sky, area lights and all that surfaces reflect (render/trace/occlusion/
-light_bake.py). Dynamic objects then have a hemisphere light of their own.
+light_bake.py). Dynamic objects then have the light of probes about their centres.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.elementary import einsum, matmul
+from catoptra_protocol.optics.elementary import arctan2, einsum, matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.world.triangles import row_blocks
@@ -57,6 +57,10 @@ square has no value."""
 MAX_LAYERS = 8
 """Blended surfaces that a ray shows: the nearest ones; behind them what is opaque, alone. Of
 surfaces at one distance one is shown. Twins: src/tiles.c, render/raster/face_pass.py."""
+
+SHADE_FADE_M, SHADE_REACH_M = 0.6, 0.8
+"""Distances from a body between which the shade that it throws on baked light fades. Twin:
+src/body_shade.c."""
 
 LEAST_COVERAGE = 2.0**-12
 """From which a point of a blended surface counts as one of them: half of it, as an opacity, changes
@@ -85,6 +89,12 @@ def facet_irradiance(lights: Iterable[Light], normals: Floats) -> Floats:
     total = np.zeros((3, len(normals)))
     for light in lights:
         match light:
+            case HemisphereLight(sides=sides) if sides is not None:
+                # The even part weighs the means of opposite sides by squares of the normal.
+                one, other = light.faces[::2], light.faces[1::2]
+                irradiance = matmul(normals, 0.5 * (one - other))
+                irradiance += matmul(np.square(normals), 0.5 * (one + other))
+                total += np.maximum(irradiance, 0.0).T
             case HemisphereLight(up_irradiance, down_irradiance):
                 # z points down: an upward facet has normal z = -1.
                 upward = 0.5 * (1.0 - normals[:, 2])
@@ -97,6 +107,56 @@ def facet_irradiance(lights: Iterable[Light], normals: Floats) -> Floats:
             case PointLight():
                 pass
     return total.T
+
+
+def box_form_factors(points: Floats, normals: Floats, half: Floats) -> Floats:
+    """(n,) form factors of a box from (n, 3) points with (n, 3) unit normals; 0 inside.
+
+    Lambert's formula for each face before a point, cut off at the point's horizon. Source: Baum et
+    al. 1989, Eq. 11.
+
+    Args:
+        points: In the box's frame.
+        normals: Likewise.
+        half: (3,) half sides.
+    """
+    total = np.zeros(len(points))
+    signs = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+    for axis in range(3):
+        others = [(axis + 1) % 3, (axis + 2) % 3]
+        side = np.sign(points[:, axis]) * (np.abs(points[:, axis]) > half[axis])
+        corners = np.zeros((len(points), 4, 3))
+        corners[..., axis] = (side * half[axis])[:, None]
+        corners[..., others] = signs * half[others]
+        total -= side * _polygon_terms(corners - points[:, None], normals)
+    return np.asarray(total / (2.0 * np.pi))
+
+
+def _polygon_terms(corners: Floats, normals: Floats) -> Floats:
+    """(n,) sums of angles of the edges of (n, 4, 3) polygons times cosines of their planes."""
+    heights = einsum("nki,ni->nk", corners, normals)
+    cuts: dict[bool, Floats] = {way: np.zeros((len(corners), 3)) for way in (False, True)}
+    total = np.zeros(len(corners))
+    for one, other in ((0, 1), (1, 2), (2, 3), (3, 0)):
+        first, second = heights[:, one], heights[:, other]
+        begin, end = corners[:, one], corners[:, other]
+        rises, sinks = (first < 0.0) & (second >= 0.0), (first >= 0.0) & (second < 0.0)
+        share = first / np.where(rises | sinks, first - second, 1.0)
+        cut = begin + share[:, None] * (end - begin)
+        for way, is_cut in ((False, rises), (True, sinks)):
+            cuts[way] = np.where(is_cut[:, None], cut, cuts[way])
+        begin = np.where(rises[:, None], cut, begin)
+        end = np.where(sinks[:, None], cut, end)
+        term = _edge_terms(begin, end, normals)
+        total += np.where((first < 0.0) & (second < 0.0), 0.0, term)
+    return total + _edge_terms(cuts[True], cuts[False], normals)
+
+
+def _edge_terms(begin: Floats, end: Floats, normals: Floats) -> Floats:
+    product = np.cross(begin, end)
+    sine = np.sqrt(np.square(product).sum(axis=-1))
+    along = einsum("ni,ni->n", product, normals) / np.where(sine > 0.0, sine, 1.0)
+    return np.asarray(along * arctan2(sine, einsum("ni,ni->n", begin, end)))
 
 
 def point_irradiance(lights: Iterable[Light], points: Floats, normals: Floats) -> Floats:
@@ -131,12 +191,14 @@ def hemisphere_lights(lights: Iterable[Light]) -> tuple[HemisphereLight, ...]:
     return tuple(light for light in lights if isinstance(light, HemisphereLight))
 
 
-def object_lights(world: World) -> tuple[Light, ...]:
-    """Lights of dynamic objects."""
-    if world.object_sky is None:
+def object_lights(world: World, place: Floats | None = None) -> tuple[Light, ...]:
+    """Lights of dynamic objects, at a (3,) place or wherever they are."""
+    sky = world.object_sky
+    if world.probes is not None and place is not None:
+        sky = world.probes.find_light(place)
+    if sky is None:
         return world.lights
-    others = (light for light in world.lights if not isinstance(light, HemisphereLight))
-    return (world.object_sky, *others)
+    return (sky, *(light for light in world.lights if not isinstance(light, HemisphereLight)))
 
 
 def open_irradiance(lights: Iterable[Light]) -> Vector3:

@@ -60,7 +60,9 @@ class World:
     area_lights: tuple[RectangleLight, ...] = ()
     """Lights that only a bake has."""
     object_sky: HemisphereLight | None = None
-    """Hemisphere light of dynamic objects where light is baked; None: that of the lights."""
+    """Mean light on surfaces where light is baked; None: that of the lights."""
+    probes: LightProbes | None = None
+    """Light of dynamic objects, beside that of lamps and suns; None: the mean or the lights."""
 
     @property
     def light_groups(self) -> list[str]:
@@ -219,9 +221,56 @@ class HemisphereLight:
     """Irradiance of an upward surface."""
     down_irradiance: Rgb
     """Irradiance of a downward surface."""
+    sides: tuple[Rgb, Rgb, Rgb, Rgb] | None = None
+    """Irradiance of surfaces that face x, -x, y and -y; None: half of up and down each."""
 
     def __post_init__(self) -> None:
-        _check_light("hemisphere", self.up_irradiance, self.down_irradiance)
+        _check_light(
+            "hemisphere", self.up_irradiance, self.down_irradiance, *(self.sides or ())
+        )
+
+    @property
+    def faces(self) -> Floats:
+        """(6, 3) irradiance of surfaces that face x, -x, y, -y, down and up."""
+        up, down = np.array(self.up_irradiance), np.array(self.down_irradiance)
+        sides = [0.5 * (up + down)] * 4 if self.sides is None else self.sides
+        return np.array([*sides, down, up])
+
+    @property
+    def largest(self) -> Floats:
+        """(3,) bound of the irradiance of any surface."""
+        one, other = self.faces[::2], self.faces[1::2]
+        odd = np.sqrt(np.square(0.5 * (one - other)).sum(axis=0))
+        largest: Floats = odd + 0.5 * (one + other).max(axis=0)
+        return largest
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LightProbes:
+    """Baked light on a regular grid of places, for what moves: ambient cubes.
+
+    Source: McTaggart 2004, "Half-Life 2 / Valve Source Shading"; between the six directions light
+    is `shading.facet_irradiance`'s.
+    """
+
+    first: Floats
+    """(3,) place of the first probe, world frame, metres."""
+    step: Floats
+    """(3,) metres between probes along each axis."""
+    faces: Floats
+    """(nx, ny, nz, 6, 3) irradiance as of `HemisphereLight.faces`."""
+
+    def find_light(self, place: Floats) -> HemisphereLight:
+        """Light at a (3,) place, between the eight probes about it; outside that of the border."""
+        last = np.array(self.faces.shape[:3]) - 1
+        position = np.clip((place - self.first) / self.step, 0.0, last)
+        before = np.minimum(position.astype(np.intp), np.maximum(last - 1, 0))
+        x, y, z = before
+        cell = self.faces[x : x + 2, y : y + 2, z : z + 2].astype(np.float64)
+        for rest in position - before:
+            cell = cell[0] + rest * (cell[-1] - cell[0])
+        right, left, front, back, down, up = map(tuple, cell.tolist())
+        return HemisphereLight(up, down, (right, left, front, back))
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Collection
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -81,6 +82,9 @@ class ObjectRadiances:
     """Largest radiances of dynamic objects in one world."""
 
     def __init__(self, world: World) -> None:
+        self._probes = world.probes
+        if world.probes is not None:
+            world = replace(world, lights=shadow_casting_lights(world.lights))
         self._irradiance = _max_irradiance_of_any_facet(world)
         lamps = point_lights(world.lights)
         self._positions_m = np.array([lamp.position_m for lamp in lamps]).reshape(-1, 3)
@@ -93,7 +97,7 @@ class ObjectRadiances:
 
         Domain: exposures of at most a fifth of a second, in which a moving object nears a lamp.
         """
-        if not len(self._positions_m):
+        if not len(self._positions_m) and self._probes is None:
             return max(map(self._find_of_mesh, {one.mesh for one in objects}), default=0.0)
         if not objects:
             return 0.0
@@ -105,7 +109,11 @@ class ObjectRadiances:
         nearest_m = np.linalg.norm(offsets, axis=-1) - np.array(reach_m)[:, None]
         factors = 1.0 / np.square(np.maximum(nearest_m, MIN_LIGHT_DISTANCE_M))
         unlit, lit = np.array([_max_albedos(one.mesh) for one in objects]).transpose(1, 0, 2)
-        irradiance = self._irradiance + matmul(factors, self._intensities)
+        irradiance = np.repeat(self._irradiance[None], len(objects), axis=0)
+        if factors.size:
+            irradiance += matmul(factors, self._intensities)
+        if self._probes is not None:
+            irradiance += [self._probes.find_light(one.centre).largest for one in objects]
         return float(np.maximum(unlit, lit * irradiance).max())
 
     def _find_without_lamps(self, mesh: ObjectMesh) -> float:

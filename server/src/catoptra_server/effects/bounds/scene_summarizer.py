@@ -66,7 +66,8 @@ from catoptra_server.world.world_description import World
 
 _ALL_FIELDS = frozenset(field.name for field in dataclasses.fields(SceneSummary))
 _RADIANCE_FIELDS = frozenset(
-    "max_radiance background_radiance camera_key max_fresnel light_bake open_irradiance".split()
+    "max_radiance background_radiance camera_key max_fresnel light_bake open_irradiance"
+    " has_bodies".split()
 )
 _DISTANCE_FIELDS = frozenset({"min_distances_m", "max_object_rates_rad_s"})
 
@@ -162,6 +163,7 @@ class SceneSummarizer:
             "max_fresnel": self.scene.max_fresnel,
             "light_bake": self.scene.baked_light,
             "open_irradiance": self._open_irradiance,
+            "has_bodies": bool(objects or ego_body),
         }
         if "max_radiance" in fields:
             values["max_radiance"] = max(self.max_radiance, self._bound_objects(objects))

@@ -53,7 +53,13 @@ from catoptra_server.world.triangles import (
     make_clusters,
     visible_runs,
 )
-from catoptra_server.world.world_description import DirectionalLight, Light, linear_from_srgb
+from catoptra_server.world.world_description import (
+    DirectionalLight,
+    HemisphereLight,
+    Light,
+    LightProbes,
+    linear_from_srgb,
+)
 
 # Definition of programs that interpolate colours between the corners of a triangle.
 _COLOURED_CORNERS: Definitions = (("COLOURED_CORNERS", 1),)
@@ -91,10 +97,8 @@ class FacetLighting:
 
     def set_lights(self, program: moderngl.Program) -> None:
         """Set the lights that facets of one normal have in their radiance."""
-        skies = hemisphere_lights(self.constant_lights)
-        both = [(np.asarray(sky.up_irradiance), np.asarray(sky.down_irradiance)) for sky in skies]
-        set_uniform(program, "sky_up", sum((up for up, _ in both), np.zeros(3)))
-        set_uniform(program, "sky_down", sum((down for _, down in both), np.zeros(3)))
+        skies = (sky.faces for sky in hemisphere_lights(self.constant_lights))
+        set_uniform(program, "sky_faces", sum(skies, np.zeros((6, 3))))
         if self._suns:
             towards = np.array([sun.direction for sun in self._suns])
             set_uniform(program, "sun_directions", -towards)
@@ -273,7 +277,7 @@ class SceneBatches:
             if not runs:
                 continue
             set_uniform(batch.program, "clip_from_scene", clip_from_scene.T)
-            if batch.program.get("sky_up", None) is not None:
+            if batch.program.get("sky_faces", None) is not None:
                 self._lighting.set_lights(batch.program)
             if batch.texture is not None:
                 batch.texture.use_in(batch.program)
@@ -546,6 +550,7 @@ class DynamicObjectBuffer:
         programs: ShaderPrograms,
         lighting: FacetLighting,
         origin: Floats,
+        probes: LightProbes | None,
     ) -> None:
         """Keep the resources; nothing is allocated yet.
 
@@ -554,7 +559,9 @@ class DynamicObjectBuffer:
             programs: Shader programs of the context.
             lighting: Lighting model of facets.
             origin: (3,) origin of the scene's frame in the world.
+            probes: Light by place, instead of that of hemisphere lights; None without.
         """
+        self._probes = probes
         self._context = context
         self._programs = programs
         self._lighting = lighting
@@ -620,8 +627,18 @@ class DynamicObjectBuffer:
             radii=np.array([dynamic_object.mesh.radius_m for dynamic_object in owners]),
             offsets=np.cumsum([0, *(len(values) // 3 for values in data)]),
             textures=textures,
+            lightings=[self._light(dynamic_object) for dynamic_object in owners],
         )
         self._write_vertices(np.concatenate(data))
+
+    def _light(self, dynamic_object: DynamicObject) -> FacetLighting:
+        """Lighting of an object at its place."""
+        if self._probes is None:
+            return self._lighting
+        sky = self._probes.find_light(dynamic_object.centre)
+        lights = self._lighting.constant_lights
+        others = (light for light in lights if not isinstance(light, HemisphereLight))
+        return replace(self._lighting, constant_lights=(sky, *others))
 
     def _find_textures(self, mesh: ObjectMesh | None) -> list[ImageTexture]:
         """Textures of a mesh; one white texture for None."""
@@ -638,7 +655,8 @@ class DynamicObjectBuffer:
     ) -> Iterator[tuple[ImageTexture | None, Floats]]:
         """Yield textures, and (3 n, k) attributes of their corners, split positions first."""
         world_facets_of = world_facets(dynamic_object)
-        attributes = [facet_radiance(world_facets_of, self._lighting.constant_lights)]
+        lights = self._light(dynamic_object).constant_lights
+        attributes = [facet_radiance(world_facets_of, lights)]
         if self._has_normals:
             # An albedo of zero for unlit materials spares the shader a branch.
             attributes += [
@@ -719,14 +737,17 @@ class DynamicObjectBuffer:
         visible = np.asarray(((spheres.centres - viewpoint) @ planes.T >= -radii).all(axis=-1))
         if visible.any():
             set_uniform(self._vertices.program, "clip_from_scene", clip_from_scene.T)
-        if visible.any() and self._is_bent:
-            self._lighting.set_lights(self._vertices.program)
         calls = triangles = 0
-        for texture in dict.fromkeys(spheres.textures):
-            has_texture = np.array([one is texture for one in spheres.textures])
+        # Of smooth objects under probes each has uniforms of its own.
+        keys = [*zip(spheres.textures, spheres.lightings, strict=True)]
+        for key in dict.fromkeys(keys):
+            texture, lighting = key
+            is_chosen = np.array([one == key for one in keys])
             if texture is not None:
                 texture.use_in(self._vertices.program)
-            for first, count in visible_runs(visible & has_texture, spheres.offsets):
+            if visible.any() and self._is_bent:
+                lighting.set_lights(self._vertices.program)
+            for first, count in visible_runs(visible & is_chosen, spheres.offsets):
                 self._vertices.render(vertices=3 * count, first=3 * first)
                 calls, triangles = calls + 1, triangles + count
         return calls, triangles
@@ -769,3 +790,5 @@ class _BoundingSpheres:
     """(n + 1,) first triangle of each object, and the number of all."""
     textures: list[ImageTexture | None]
     """Texture of each; objects with several are listed once for each."""
+    lightings: list[FacetLighting]
+    """Lighting of each at its place."""

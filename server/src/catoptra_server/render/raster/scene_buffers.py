@@ -269,7 +269,7 @@ class SceneBuffers:
         self.textures = SceneTextures(context, scene, self.clusters)
         self.plain = LitScene(
             self._make_batches(lighting),
-            DynamicObjectBuffer(context, programs, object_lighting, self.origin),
+            DynamicObjectBuffer(context, programs, object_lighting, self.origin, world.probes),
             self.origin,
             point_lights=point_lights(lights),
             object_point_lights=point_lights(world.lights),
@@ -330,7 +330,8 @@ class SceneBuffers:
         lighting = FacetLighting(hemisphere_lights(lights), maps.definitions)
         sky = hemisphere_lights(object_lights(self._world))
         object_lighting = FacetLighting(sky, maps.definitions)
-        objects = DynamicObjectBuffer(context, programs, object_lighting, self.origin)
+        probes = self._world.probes
+        objects = DynamicObjectBuffer(context, programs, object_lighting, self.origin, probes)
         return LitScene(self._make_batches(lighting), objects, self.origin, maps=maps)
 
     def close(self) -> None:

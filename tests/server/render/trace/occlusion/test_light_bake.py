@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from catoptra_protocol.optics.numerics import Bools
+from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects import EffectSettings, Threshold, name_effect
+from catoptra_server.effects.bounds.light_loss import ObjectRadiances
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import EffectDecision, plan_effects
 from catoptra_server.effects.kernels.grey_levels import measure_change
@@ -33,6 +34,7 @@ from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TraceRequest
 from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
+from catoptra_server.world.shading import box_form_factors, facet_irradiance
 from catoptra_server.world.world_description import (
     Box,
     Cylinder,
@@ -44,7 +46,7 @@ from catoptra_server.world.world_description import (
     World,
     srgb_from_linear,
 )
-from helpers.dynamic_objects import TWO_ROBOTS
+from helpers.dynamic_objects import SMOOTH_ROBOTS, TWO_ROBOTS
 from helpers.image_comparison import level_differences
 from helpers.opengl import device_or_skip
 from helpers.trace_engines import ENGINES, open_engine
@@ -97,6 +99,9 @@ def test_furnace_has_one_light_everywhere(room: str) -> None:
     distances, triangles = commit_ray_caster(scene).closest_triangles(origins, rays)
     factors = light.occlusion.factors(triangles, origins + distances[:, None] * rays)
     np.testing.assert_allclose(light.brightest * factors, 0.5, rtol=1e-5)
+    places = np.random.default_rng(2).uniform((-1.0, -1.0, -2.5), (1.0, 1.0, -0.6), (20, 3))
+    faces = np.array([light.probes.find_light(place).faces for place in places])
+    np.testing.assert_allclose(faces, 0.5, rtol=1e-5)
 
 
 def make_lamp_world() -> World:
@@ -112,9 +117,113 @@ def test_bytes_depend_on_neither_threads_nor_processor() -> None:
     for threads in (1, 2, 3, 4):
         for name in available_instruction_sets():
             light = bake_light(scene, world, 2, threads=threads, instruction_set=name)
-            arrays = (light.occlusion.texels, light.brightest, light.error)
+            arrays = (light.occlusion.texels, light.brightest, light.error, light.probes.faces)
             digests.add(hashlib.sha256(b"".join(one.tobytes() for one in arrays)).hexdigest())
     assert len(digests) == 1
+
+
+def test_probes_have_the_light_of_own_rays_and_no_solid_darkens_them() -> None:
+    world = make_lamp_world()
+    scene = build_scene(world)
+    light = bake_light(scene, world, MAX_PASSES, threads=2)
+    # The nodes in a floor of 0.2 m have the light of those above.
+    walls = replace(world, items=SIX_WALLS[1:2], area_lights=())
+    open_sky = bake_light(build_scene(walls), walls, MAX_PASSES, threads=2)
+    exact = bake_light(scene, world, 4096 // RAYS_PER_PASS, threads=2)
+    faces, truth = light.probes.faces, exact.probes.faces
+    # Rays of 256 differ by up to a twentieth of the brightest.
+    assert np.percentile(np.abs(faces - truth), 99.0) < 0.04
+    assert faces.min() > 0.0
+    sky = open_sky.probes.find_light(np.zeros(3))
+    np.testing.assert_allclose(sky.up_irradiance, (0.4, 0.5, 0.6), atol=0.02)
+
+
+def test_light_between_six_directions_is_exact_for_hemisphere_lights() -> None:
+    sky = HemisphereLight((0.4, 0.5, 0.6), (0.1, 0.2, 0.3))
+    normals = np.random.default_rng(3).normal(size=(50, 3))
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    faces = tuple(map(tuple, sky.faces.tolist()))
+    cube = replace(sky, sides=faces[:4])
+    expected = facet_irradiance((sky,), normals)
+    np.testing.assert_allclose(facet_irradiance((cube,), normals), expected, rtol=1e-12)
+
+
+def test_robots_have_the_light_of_their_places_in_all_renderers() -> None:
+    lamp = RectangleLight((-1.5, 0.0, -2.9), (0.0, 0.0, 1.0), (0.6, 0.4), (9.0, 6.0, 3.0))
+    sky = HemisphereLight((0.04, 0.05, 0.06), (0.01, 0.01, 0.01))
+    world = World("lamp", SIX_WALLS[1:], lights=(sky,), area_lights=(lamp,))
+    scene = build_scene(world)
+    scene, world = bake_light(scene, world, 4, threads=2).apply(scene, world)
+    for robots in (TWO_ROBOTS, SMOOTH_ROBOTS):
+        state = CameraState(Pose.from_rpy((0.1, -0.3, -0.7), (0.02, -0.03, 0.3)), robots)
+        bare = replace(world, probes=None)
+        pictures = {}
+        for name in ENGINES:
+            with open_engine(name, world, scene=scene) as engine:
+                pictures[name] = engine.prepare(make_omni_table(width_px=96)).render_srgb(state)
+        with open_kernel(bare, scene=scene) as engine:
+            other = engine.prepare(make_omni_table(width_px=96)).render_srgb(state)
+        one, two = pictures.values()
+        assert np.percentile(level_differences(one, two), 99.5) <= 1
+        assert level_differences(other, one).max() > 20
+        radiances = ObjectRadiances(world)
+        assert 0.1 < radiances.max_radiance(robots) < ObjectRadiances(bare).max_radiance(robots)
+
+
+def test_box_hides_what_rays_of_the_cosine_meet() -> None:
+    half = np.array([0.3, 0.25, 0.15])
+    generator = np.random.default_rng(4)
+    tilt, turn = generator.uniform(size=(2, 20000))
+    tilt, turn = np.sqrt(tilt), 2.0 * np.pi * turn
+    rays = np.stack((tilt * np.cos(turn), tilt * np.sin(turn), np.sqrt(1.0 - tilt**2)), axis=-1)
+    points = generator.uniform(-0.9, 0.9, (40, 3))
+    normals = generator.normal(size=(40, 3))
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    factors = box_form_factors(points, normals, half)
+    for point, normal, factor in zip(points, normals, factors, strict=True):
+        side = np.cross(normal, np.roll(normal, 1) + 0.1)
+        side /= np.linalg.norm(side)
+        along = rays @ np.stack((side, np.cross(normal, side), normal))
+        ends = np.sort((np.stack((-half, half))[:, None] - point) / along, axis=0)
+        is_met = (ends[0].max(axis=-1) < ends[1].min(axis=-1)) & (ends[1].min(axis=-1) > 0.0)
+        expected = 0.0 if (np.abs(point) < half).all() else is_met.mean()
+        assert factor == pytest.approx(expected, abs=0.015)
+
+
+def test_robots_shade_the_floor_in_both_engines_and_filled_tiles() -> None:
+    world = World("open", SIX_WALLS[1:2], lights=(HEMISPHERE_LIGHT,))
+    scene = build_scene(world)
+    scene, world = bake_light(scene, world, 2, threads=2).apply(scene, world)
+    state = CameraState(Pose.from_rpy((0.1, -0.3, -1.3), (0.02, -0.03, 0.3)), TWO_ROBOTS)
+    alone = replace(state, objects=())
+    pictures = {}
+    for name in ENGINES:
+        with open_engine(name, world, scene=scene) as engine:
+            rays = engine.prepare(make_omni_table(width_px=96))
+            pictures[name] = rays.render_linear(state), rays.render_linear(alone)
+    (one, bare), (other, _) = pictures.values()
+    assert np.percentile(level_differences(*map(encode_linear, (one, other))), 99.5) <= 1
+    is_floor = np.abs(one - bare).max(axis=-1) > 0.0
+    ratio = (one / np.where(bare > 0.0, bare, 1.0))[..., 1]
+    # The nearest floor lacks a third, and nothing is lit brighter.
+    assert ((ratio > 0.5) & (ratio < 0.85) & is_floor).sum() > 20
+    with open_kernel(world, scene=scene) as engine:
+        rays = engine.prepare(make_omni_table(width_px=240, samples=2))
+        filled, traced, share = render_filled_and_traced(engine, rays, state)
+        threshold = {"BakedLight": Threshold(1.0)}
+        frame = rays.render(state, TraceRequest(is_linear=True, thresholds=threshold))
+        plain = rays.render_linear(replace(state, has_baked_light=False))
+    assert share > 0.2
+    assert level_differences(filled, traced).max() <= 2
+    change = measure_change(frame.image, plain)
+    stated = frame.changes["BakedLight"]
+    assert change.largest <= stated.largest < 255.0
+    (bound,) = (one.bound for one in decide(scene, world, state) if one.effect == "BakedLight")
+    assert stated.largest <= bound
+
+
+def encode_linear(light: Floats) -> Floats:
+    return np.round(255.0 * srgb_from_linear(np.clip(light, 0.0, 1.0)))
 
 
 def find_nodes(light: NodeLight) -> Bools:
@@ -246,7 +355,8 @@ def decide(scene: SceneMesh, world: World, state: CameraState) -> tuple[EffectDe
 
 def test_light_is_baked_into_raster_as_into_trace() -> None:
     scene, world = bake_lamp_world()
-    exposure = CameraState(Pose.from_rpy((0.31, 0.17, -0.9), (0.02, -0.03, 0.3)))
+    pose = Pose.from_rpy((0.31, 0.17, -0.9), (0.02, -0.03, 0.3))
+    exposure = CameraState(pose, SMOOTH_ROBOTS)
     device = device_or_skip()
     renderer = RasterRenderer(scene, world, device=device)
     with open_kernel(world, scene=scene) as engine:

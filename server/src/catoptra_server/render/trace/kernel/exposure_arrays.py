@@ -40,8 +40,9 @@ from catoptra_server.render.trace.trace_engine import (
     camera_states,
 )
 from catoptra_server.runtime.memory import LruDict
-from catoptra_server.world.objects import CameraState, ObjectMesh
+from catoptra_server.world.objects import CameraState, ObjectMesh, find_body
 from catoptra_server.world.scene_mesh import SceneMesh
+from catoptra_server.world.world_description import LightProbes
 
 # Every box costs a frame up to six candidates.
 _MAX_BOXES = 8
@@ -85,8 +86,13 @@ def frame_origin(exposure: TracedExposure, scene: SceneMesh) -> Floats:
     return camera if scene.is_large or scene.is_far(camera) else scene.centre
 
 
-def exposure_arrays(exposure: TracedExposure, scene: SceneMesh, table: ObjectTable) -> OwningStruct:
-    """Frame without outputs: poses relative to its origin."""
+def exposure_arrays(
+    exposure: TracedExposure,
+    scene: SceneMesh,
+    table: ObjectTable,
+    probes: LightProbes | None = None,
+) -> OwningStruct:
+    """Frame without outputs: poses relative to its origin; light of objects by probes."""
     states = camera_states(exposure)
     origin = frame_origin(exposure, scene)
     exposure_fraction, readout_fraction, max_instants = _shutter_fractions(exposure)
@@ -107,11 +113,21 @@ def exposure_arrays(exposure: TracedExposure, scene: SceneMesh, table: ObjectTab
     struct.max_instants = max_instants
     struct.blur_threshold = -1.0
     struct.least_gain = struct.largest_gain = 1.0
+    light = None
+    if probes is not None and states[0].objects:
+        lights = [probes.find_light(placed.centre).faces for placed in states[0].objects]
+        light = np.array(lights, dtype=np.float32)
+        struct.object_light = light.ctypes.data
+    shades = None
+    if scene.baked_light is not None and states[0].has_baked_light and states[0].objects:
+        boxes = [find_body(placed.mesh) for placed in states[0].objects]
+        shades = np.array(boxes, dtype=np.float32)
+        struct.shades = shades.ctypes.data
     fog = states[0].fog
     if fog is not None:
         struct.fog_density = fog.density_per_m
         struct.airlight[:] = fog.airlight
-    return OwningStruct(struct, (array, objects))
+    return OwningStruct(struct, (array, objects, light, shades))
 
 
 def change_limits(threshold: Threshold, num_pixels: int, spread: int = 1) -> ChangeLimits:

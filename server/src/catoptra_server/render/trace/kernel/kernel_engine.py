@@ -94,9 +94,6 @@ if TYPE_CHECKING:
 MIN_PROVEN_RAYS = 2**14
 
 
-_NO_GRIDS = np.zeros(0, dtype=np.uint8)
-
-
 class KernelRays:
     """The rays of one camera on a kernel device."""
 
@@ -126,12 +123,10 @@ class KernelRays:
         )
         inverse = np.zeros(shape, dtype=np.float32) if request.has_ranges else None
         labels, owned = self._label_beside(exposure, request.labels)
-        seen = self._engine.watch_grids(first_state(exposure), request.thresholds)
         self._render(
             exposure,
             output,
             request.thresholds,
-            seen,
             image=image.ctypes.data,
             inverse_range=None if inverse is None else inverse.ctypes.data,
             labels=None if owned is None else ctypes.addressof(owned.struct),
@@ -143,9 +138,8 @@ class KernelRays:
         shutter = state.shutter
         is_blurred = shutter is not None and shutter.exposure_s > 0.0
         changes = _read_changes(self._num_pixels, state, counts, request.thresholds)
-        if len(seen):
-            gains = request.thresholds["BakedLight"].gains
-            changes["BakedLight"] = self._engine.measure_bake(seen, gains)
+        if self._engine.scene.baked_light is None:
+            changes.pop("BakedLight", None)
         return TracedFrame(
             image,
             changes,
@@ -222,7 +216,6 @@ class KernelRays:
         exposure: TracedExposure,
         output: int,
         thresholds: Mapping[str, Threshold] = NO_THRESHOLDS,
-        seen: npt.NDArray[np.uint8] = _NO_GRIDS,
         **addresses: int | None,
     ) -> None:
         view = self._require_view()
@@ -233,7 +226,6 @@ class KernelRays:
             output,
             thresholds,
             self._num_pixels,
-            seen,
             has_few_rays=has_few_rays,
             **addresses,
         )
@@ -272,6 +264,8 @@ def _read_changes(
     spread = _spread(thresholds)
     if state.has_shadows:
         changes["Shadows"] = read_change(counts.shadow_change, num_pixels, spread)
+    if state.has_baked_light:
+        changes["BakedLight"] = read_change(counts.light_change, num_pixels, spread)
     if state.has_gloss:
         changes["Gloss"] = read_change(counts.gloss_change, num_pixels, spread)
     if state.fog is not None:
@@ -345,7 +339,6 @@ class KernelEngine:
         self._meshes: list[CommittedScene] = []
         self._objects = ObjectTable(self._device)
         self._has_shadow_tables = False
-        self._grid_changes: dict[Gains, Floats] = {}
         self._radiances: tuple[float, ObjectRadiances] | None = None
         try:
             self._scene = self._make_scene()
@@ -470,15 +463,18 @@ class KernelEngine:
         """Members of the structure of a scene with one light on each grid of its map."""
         return self._tabulate(self.scene.repaint(occlusion=self._mean_occlusion))
 
-    def _choose_scene(self, state: CameraState, seen: npt.NDArray[np.uint8]) -> SceneStruct:
-        """Structure of the scene as effects of a state show it.
+    @cached_property
+    def _grid_means(self) -> npt.NDArray[np.float32]:
+        """(m, 3) factors of the grids of baked light where nobody looks at nodes."""
+        occlusion = self.scene.baked_light
+        assert occlusion is not None, "light is baked"
+        return occlusion.average().darkest.astype(np.float32)
 
-        Args:
-            state: The state.
-            seen: (m,) becomes 1 at the grids of baked light that are seen; none: nobody asks.
-        """
-        has_mean = self.scene.baked_light is not None and not state.has_baked_light
-        if not has_mean and not len(seen) and (state.has_sky or self._world.sky is None):
+    def _choose_scene(self, state: CameraState, *, measures_light: bool) -> SceneStruct:
+        """Structure of the scene as effects of a state show it, and measure baked light's."""
+        has_map = self.scene.baked_light is not None
+        has_mean, measures_light = has_map > state.has_baked_light, measures_light and has_map
+        if not has_mean and not measures_light and (state.has_sky or self._world.sky is None):
             return self._scene
         scene = SceneStruct.from_buffer_copy(self._scene)
         if has_mean:
@@ -486,8 +482,8 @@ class KernelEngine:
                 setattr(scene, name, value)
         if not state.has_sky:
             scene.sky = None
-        if len(seen):
-            scene.occlusion.seen = seen.ctypes.data
+        if measures_light:
+            scene.occlusion.means = self._grid_means.ctypes.data
         return scene
 
     def _keep(self, owned: OwningStruct) -> Any:
@@ -529,14 +525,10 @@ class KernelEngine:
         output: int,
         thresholds: Mapping[str, Threshold],
         num_pixels: int,
-        seen: npt.NDArray[np.uint8],
         **members: int | None,
     ) -> FrameCounts:
-        """Render an exposure into arrays; further arguments are members of `FrameStruct`.
-
-        `seen` as of `_choose_scene`.
-        """
-        frame = exposure_arrays(exposure, self.scene, self._objects)
+        """Render an exposure into arrays; further arguments are members of `FrameStruct`."""
+        frame = exposure_arrays(exposure, self.scene, self._objects, self._world.probes)
         struct = frame.struct
         if struct.has_shadows:
             self._prepare_shadows()
@@ -561,30 +553,9 @@ class KernelEngine:
                 struct.limits = change_limits(one, num_pixels, _spread(thresholds))
         for name, value in members.items():
             setattr(struct, name, value)
-        scene = self._choose_scene(camera_states(exposure)[0], seen)
+        measures_light = _measures(thresholds, "BakedLight")
+        scene = self._choose_scene(camera_states(exposure)[0], measures_light=measures_light)
         return self._device.render(scene, view, struct)
-
-    def watch_grids(
-        self, state: CameraState, thresholds: Mapping[str, Threshold]
-    ) -> npt.NDArray[np.uint8]:
-        """(m,) 0 for each grid of baked light, where a frame decides on it; else none."""
-        occlusion = self.scene.baked_light
-        if occlusion is None or not (state.has_baked_light and _measures(thresholds, "BakedLight")):
-            return _NO_GRIDS
-        return np.zeros(len(occlusion.bounds), dtype=np.uint8)
-
-    def measure_bake(self, seen: npt.NDArray[np.uint8], gains: Gains) -> EffectChange:
-        """Change by the grids that a frame has seen: of nodes, wherever they are in a picture."""
-        occlusion = self.scene.baked_light
-        assert occlusion is not None and occlusion.ranges is not None, "grids have been seen"  # noqa: PT018
-        if gains not in self._grid_changes:
-            # Loaded with the first map of baked light.
-            from catoptra_server.effects.scene.baked_light import find_grid_changes
-
-            ranges = occlusion.ranges * np.array(open_irradiance(self._world.lights))
-            self._grid_changes = {gains: find_grid_changes(ranges, gains)}
-        changes = self._grid_changes[gains][seen > 0]
-        return EffectChange(float(changes.max(initial=0.0)))
 
     def _max_radiance(self, state: CameraState) -> float:
         """Largest radiance of anything that glossy surfaces may mirror."""
@@ -599,7 +570,7 @@ class KernelEngine:
 
     def trace_bare(self, view: int, exposure: TracedExposure) -> None:
         """Trace a view's rays without any use of the hits."""
-        frame = exposure_arrays(exposure, self.scene, self._objects)
+        frame = exposure_arrays(exposure, self.scene, self._objects, self._world.probes)
         self._device.trace(self._scene, view, frame.struct)
 
     def close(self) -> None:

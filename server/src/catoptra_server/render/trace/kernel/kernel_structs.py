@@ -117,7 +117,7 @@ class OcclusionStruct(ctypes.Structure):
         ("height", c_int32),
         *_addresses("texels", "light", "patch_of", "patches"),
         ("num_patches", c_int32),
-        *_addresses("dark_sums", "flat_factors", "seen"),
+        *_addresses("dark_sums", "flat_factors", "means"),
     ]
 
 
@@ -213,6 +213,8 @@ class FrameStruct(ctypes.Structure):
         ("num_objects", c_int32),
         ("objects", c_void_p),
         ("object_poses", c_void_p),
+        ("object_light", c_void_p),
+        ("shades", c_void_p),
         ("num_boxes", c_int32),
         ("boxes", c_void_p),
         ("box_object", c_void_p),
@@ -260,6 +262,7 @@ class FrameCounts(ctypes.Structure):
         ("blur_ms", c_float),
         ("fog_change", PixelChange),
         ("gloss_change", PixelChange),
+        ("light_change", PixelChange),
     ]
 
 
@@ -357,6 +360,7 @@ class BakeJob(ctypes.Structure):
     _fields_: ClassVar[Fields] = [
         *_addresses("mesh", "casters"),
         ("num_nodes", c_int32),
+        ("first_probe", c_int32),
         *_addresses("positions", "grid", "axes", "normals", "grid_of", "slot_of", "patches"),
         ("width", c_int32),
         ("sky_slot", c_int32),

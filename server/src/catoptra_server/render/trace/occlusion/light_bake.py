@@ -7,6 +7,10 @@ in the result; the sun and point lamps stay exact rays of each picture, and only
 reflect of them is. Source: Cohen & Wallace 1993, "Radiosity and Realistic Image Synthesis", with
 form factors by rays.
 
+Probes for what moves stand on a regular grid of the scene's box, each of six nodes that face along
+the axes; one that sees backs, inside a solid or out of a room, has the light of those beside it. Walls
+between two do not count.
+
 Passes of 16 rays, each shifted by random numbers of its own, are independent estimates: a node's
 standard error is that of their mean. A tent over three by three nodes takes most noise; where it
 changes a node by more than its noise explains, at the edge of a shadow, the node stays as it is.
@@ -66,6 +70,7 @@ from catoptra_server.world.shading import (
 from catoptra_server.world.world_description import (
     DirectionalLight,
     HemisphereLight,
+    LightProbes,
     PointLight,
     RectangleLight,
     World,
@@ -79,6 +84,9 @@ MAX_PASSES = 16
 """However large the errors are."""
 # 256 rays of each take 57 MB while they are kept.
 MAX_NODES = 56_000
+# Of these, six each; a metre apart at least.
+MAX_PROBES = 1000
+_MIN_PROBE_DISTANCE_M = 1.0
 _MIN_NODE_DISTANCE_M = 0.05
 # Of the most grids: with all, small parts of furniture left walls a node a metre.
 _GRID_SHARE = 0.2
@@ -100,6 +108,9 @@ _FINEST = 1e-5
 SIGMAS = 3.0
 MAX_ERROR = 1.0
 """Grey levels that nobody misses, of 99 of 100 nodes: from there on no rays are added."""
+# Directions of a probe's nodes, as of `HemisphereLight.faces`.
+_FACES = np.kron(np.eye(3), np.array([[1.0], [-1.0]]))
+_BORDER = ((1, 1), (1, 1), (1, 1), (0, 0), (0, 0))
 _Float32s = npt.NDArray[np.float32]
 _BakedLights = Sequence[DirectionalLight | PointLight | RectangleLight]
 
@@ -116,6 +127,8 @@ class NodeLight:
     """(2, 3) mean irradiance of level facets, those that face up first."""
     error: npt.NDArray[np.float16]
     """(h, w, 3) bounds of the nodes' errors, `SIGMAS` standard errors each."""
+    probes: LightProbes
+    """Light of what moves."""
 
     @property
     def stated_error(self) -> float:
@@ -141,7 +154,13 @@ class NodeLight:
         )
         return (
             replace(scene, occlusion=occlusion),
-            replace(world, lights=lights, area_lights=(), object_sky=HemisphereLight(up, down)),
+            replace(
+                world,
+                lights=lights,
+                area_lights=(),
+                object_sky=HemisphereLight(up, down),
+                probes=self.probes,
+            ),
         )
 
     @property
@@ -180,6 +199,10 @@ def add_lights(parts: Mapping[str, NodeLight], factors: Mapping[str, float]) -> 
         brightest,
         sum((scale * part.mean_sky for scale, part in pairs), np.zeros(3)),
         np.asarray(1.001 * error + 0.5 * brightest / OPEN_LIGHT).astype(np.float16),
+        replace(
+            first.probes,
+            faces=np.asarray(sum((scale * part.probes.faces for scale, part in pairs), 0.0)),
+        ),
     )
 
 
@@ -262,11 +285,13 @@ class LightBake:
             scene, frame_surfaces(scene, threads=threads, share=_GRID_SHARE)
         )
         distance_m = _MIN_NODE_DISTANCE_M
+        self._probes = _place_probes(scene)
+        num_probes = math.prod(self._probes.faces.shape[:3])
         while True:
             self._layout = lay_out(self._frames, distance_m)
             self._grid_at = self._layout.grid_at()
             is_node = self._grid_at >= 0
-            excess = np.count_nonzero(is_node) / MAX_NODES
+            excess = (np.count_nonzero(is_node) + 6 * num_probes) / MAX_NODES
             if excess <= 1.0 or distance_m > 100.0:
                 break
             distance_m *= max(1.05, float(np.sqrt(excess)))
@@ -274,7 +299,7 @@ class LightBake:
         self._albedo = _mean_albedo(scene)
         self._nodes = place_nodes(self._frames, self._layout, is_node)
         self.num_passes = 0
-        count = len(self._nodes.patch)
+        count = len(self._nodes.patch) + 6 * num_probes
         self._hits = np.zeros((count, max_passes * RAYS_PER_PASS), dtype=np.int32)
         self._backs = np.zeros(count, dtype=np.int32)
         self._light = np.zeros((max_passes, count, len(self._lamps)), dtype=np.float32)
@@ -296,8 +321,13 @@ class LightBake:
         if scene.two_sided is not None:
             normals = normals * ~scene.two_sided[rows, None]
         lengths = np.linalg.norm(frames.side_x, axis=-1, keepdims=True)
-        axis_x = frames.side_x / lengths
-        axes = np.stack((axis_x, np.cross(frames.normal, axis_x), frames.normal), axis=1)
+        axis_x = np.concatenate((frames.side_x / lengths, np.roll(_FACES, 1, axis=1)))
+        normal = np.concatenate((frames.normal, _FACES))
+        axes = np.stack((axis_x, np.cross(normal, axis_x), normal), axis=1)
+        shape, first = self._probes.faces.shape[:3], self._probes.first
+        at = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, 3)
+        places = np.repeat(first + at * self._probes.step, 6, axis=0)
+        grid = np.append(self._nodes.patch, len(frames.normal) + np.arange(len(places)) % 6)
         # Off all fractions of the sequence: rays along diagonals would end on the edges of rooms.
         turns = 2.0 * np.pi * (np.arange(256) + _GOLDEN) / 256
         lamps = (BakeLamp * max(1, len(self._lamps)))(
@@ -305,8 +335,8 @@ class LightBake:
         )
         size = self._is_node.size
         arrays: dict[str, npt.NDArray[Any]] = {
-            "positions": self._nodes.positions - scene.centre,
-            "grid": self._nodes.patch.astype(np.int32),
+            "positions": np.concatenate((self._nodes.positions, places)) - scene.centre,
+            "grid": grid.astype(np.int32),
             "axes": axes.astype(np.float32),
             "normals": normals.astype(np.float32),
             "grid_of": frames.patch_of[rows],
@@ -320,7 +350,8 @@ class LightBake:
         job = BakeJob(
             mesh=mesh.address,
             casters=casters.address,
-            num_nodes=len(self._nodes.patch),
+            num_nodes=len(grid),
+            first_probe=len(self._nodes.patch),
             width=self._is_node.shape[1],
             sky_slot=size + len(self._rows),
             sky_side=_SKY_SIDE,
@@ -367,21 +398,23 @@ class LightBake:
         lit, reflected = self._find_lamp_light(group)
         albedo, emission = self._find_materials()
         emission, table = shine * emission, np.float32(shine) * self._make_table()
-        is_inside = self._backs > _INSIDE_SHARE * self.num_passes * RAYS_PER_PASS
+        count, num_nodes = len(self._nodes.patch), len(self._backs)
+        is_inside = self._backs[:count] > _INSIDE_SHARE * self.num_passes * RAYS_PER_PASS
         if self._has_spare:
             is_inside |= self._nodes.patch == len(self._frames.origin) - 1
         texel = np.flatnonzero(self._is_node.reshape(-1))
         source = self._find_sources(is_inside)
         size = self._is_node.size
-        means = np.zeros((self.num_passes, len(texel), 3), dtype=np.float32)
-        irradiance, change = np.zeros((len(texel), 3)), np.zeros((len(texel), 3))
+        means = np.zeros((self.num_passes, num_nodes, 3), dtype=np.float32)
+        irradiance, change = np.zeros((num_nodes, 3)), np.zeros((num_nodes, 3))
         lamp_light = lit.mean(axis=0, dtype=np.float64)
         ratio = np.full(3, 0.99)
         bounces = _FIRST_BOUNCES if self.num_passes <= FIRST_PASSES else _MAX_BOUNCES
         for _ in range(bounces):
-            radiance = albedo * (irradiance + lamp_light + reflected) + emission
+            lit_nodes = (irradiance + lamp_light + reflected)[:count]
+            radiance = albedo * lit_nodes + emission
             table[texel] = np.where(source[:, None] >= 0, radiance[source], -1.0)
-            mean = np.average(irradiance + lamp_light, axis=0)
+            mean = np.average((irradiance + lamp_light)[:count], axis=0)
             table[size : size + len(self._rows)] = self._triangle_radiance(mean, shine)
             self._gather_means(table, means)
             gathered = means.mean(axis=0, dtype=np.float64)
@@ -398,7 +431,8 @@ class LightBake:
         # What is left falls by one factor a bounce.
         means += lit
         means += (change * ratio / (1.0 - ratio)).astype(np.float32)
-        return self._finish(means, is_inside)
+        probes = self._finish_probes(means[:, count:].mean(axis=0, dtype=np.float64))
+        return self._finish(means[:, :count], is_inside, probes)
 
     def _find_lamp_light(self, group: str | None) -> tuple[_Float32s, Floats]:
         """(passes, k, 3) irradiance by area lights, and (k, 3) by other lamps, as of one pass."""
@@ -480,7 +514,29 @@ class LightBake:
         )
         self._device.gather(job)
 
-    def _finish(self, passes: _Float32s, is_inside: Bools) -> NodeLight:
+    def _finish_probes(self, means: Floats) -> LightProbes:
+        """Probes of (6 p, 3) means; those that see backs have the light of the nearest beside."""
+        shape = self._probes.faces.shape[:3]
+        faces = means.reshape(*shape, 6, 3)
+        backs = self._backs[len(self._nodes.patch) :].reshape(*shape, 6).sum(axis=-1)
+        known = backs <= _INSIDE_SHARE * 6 * self.num_passes * RAYS_PER_PASS
+        known |= not known.any()
+        faces[~known] = 0.0
+        for _ in range(sum(shape)):
+            wide, count = np.pad(faces, _BORDER), np.pad(known.astype(np.float64), 1)
+            total, number = np.zeros(faces.shape), np.zeros(shape)
+            for axis in range(3):
+                for way in (0, 2):
+                    part = [slice(1, -1)] * 3
+                    part[axis] = slice(way, way + shape[axis])
+                    total += wide[tuple(part)]
+                    number += count[tuple(part)]
+            filled = ~known & (number > 0.0)
+            faces[filled] = total[filled] / number[filled][:, None, None]
+            known = known | filled
+        return replace(self._probes, faces=faces.astype(np.float32))
+
+    def _finish(self, passes: _Float32s, is_inside: Bools, probes: LightProbes) -> NodeLight:
         """Filter the (p, k, 3) estimates of nodes, state their errors, and make the map."""
         grid, layout = self._grid_at, self._layout
         shape = (*self._is_node.shape, 3)
@@ -523,7 +579,7 @@ class LightBake:
         texels = np.ascontiguousarray(texels)
         # Of half precision, upward.
         stated = (1.001 * error + 1e-7).astype(np.float16)
-        return NodeLight(self._make_map(texels), brightest, sky, stated)
+        return NodeLight(self._make_map(texels), brightest, sky, stated, probes)
 
     def _level_grids(self, values: Floats, error: Floats) -> None:
         """Give the nodes of a grid their mean where nobody misses the rest."""
@@ -564,6 +620,20 @@ class LightBake:
         """Free the rays and end the threads."""
         self._owners.clear()
         self._device.close()
+
+
+def _place_probes(scene: SceneMesh) -> LightProbes:
+    """Dark probes all over a scene's box, and a metre above, where robots stand on it."""
+    first = scene.box_min - np.array([0.0, 0.0, 1.0])
+    size = np.maximum(scene.box_max - first, 1e-3)
+    distance_m = _MIN_PROBE_DISTANCE_M
+    while True:
+        counts = np.ceil(size / distance_m).astype(np.intp)
+        if math.prod(counts.tolist()) <= MAX_PROBES:
+            break
+        distance_m *= 1.05
+    step = size / counts
+    return LightProbes(first + 0.5 * step, step, np.zeros((*counts, 6, 3), np.float32))
 
 
 def _add_spare_grid(scene: SceneMesh, frames: SurfaceFrames) -> tuple[SurfaceFrames, bool]:

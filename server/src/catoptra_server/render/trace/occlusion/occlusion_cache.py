@@ -26,7 +26,7 @@ from catoptra_server.world.shading import (
     hemisphere_lights,
 )
 from catoptra_server.world.triangles import row_blocks, triangle_boxes
-from catoptra_server.world.world_description import HemisphereLight, World
+from catoptra_server.world.world_description import HemisphereLight, LightProbes, World
 
 if TYPE_CHECKING:
     from catoptra_server.render.trace.occlusion.light_bake import NodeLight
@@ -36,8 +36,9 @@ log = logging.getLogger(__name__)
 # Increased when maps change for the same scene.
 _FORMAT_VERSION = 3
 # The same of baked light.
-_LIGHT_VERSION = 2
+_LIGHT_VERSION = 3
 _LIGHT_ARRAYS = ("brightest", "mean_sky", "error")
+_PROBE_ARRAYS = ("first", "step", "faces")
 _ARRAYS = ("patch_of", "columns_from_world", "rows_from_world", "bounds", "texels")
 # More triangles than may have grids of their own: here only surfaces of some size have one, two
 # nodes wide at the finest. Of a ground of equal small triangles a few would be shaded, in patches.
@@ -146,7 +147,7 @@ def _read_light(
     cache: ArrayCache, key: str, num_triangles: int, names: Sequence[str]
 ) -> dict[str, NodeLight] | None:
     """Baked light of groups by their names."""
-    size = len(_ARRAYS) + len(_LIGHT_ARRAYS)
+    size = len(_ARRAYS) + len(_LIGHT_ARRAYS) + len(_PROBE_ARRAYS)
     arrays = cache.read(key, size * len(names))
     if arrays is None:
         return None
@@ -155,7 +156,10 @@ def _read_light(
     parts = {}
     for number, name in enumerate(names):
         own = arrays[size * number : size * (number + 1)]
-        parts[name] = NodeLight(_make_map(own), *own[len(_ARRAYS) :])
+        probes = LightProbes(*own[-len(_PROBE_ARRAYS) :])
+        parts[name] = NodeLight(
+            _make_map(own), *own[len(_ARRAYS) : -len(_PROBE_ARRAYS)], probes=probes
+        )
     return parts if all(_is_sound(one.occlusion, num_triangles) for one in parts.values()) else None
 
 
@@ -165,6 +169,7 @@ def _store_light(cache: ArrayCache, key: str, parts: Mapping[str, NodeLight]) ->
     for light in parts.values():
         arrays += [getattr(light.occlusion, name) for name in _ARRAYS]
         arrays += [getattr(light, name) for name in _LIGHT_ARRAYS]
+        arrays += [getattr(light.probes, name) for name in _PROBE_ARRAYS]
     cache.write(key, arrays)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.labels import LABEL_CHANNELS
+from catoptra_protocol.optics.elementary import matmul
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.render.trace.ray_table import RayTable
@@ -35,12 +36,15 @@ from catoptra_server.render.trace.trace_engine import (
     assemble_grid,
     camera_states,
 )
-from catoptra_server.world.objects import FogMedium
+from catoptra_server.world.objects import DynamicObject, FogMedium, find_body
 from catoptra_server.world.panorama import Panorama
 from catoptra_server.world.shading import (
     LEAST_COVERAGE,
     MAX_LAYERS,
+    SHADE_FADE_M,
+    SHADE_REACH_M,
     ShadowCastingLight,
+    box_form_factors,
     direction_to_light,
     facet_irradiance,
     hemisphere_lights,
@@ -74,6 +78,8 @@ class Lighting:
     """Air between camera and surfaces, and between these and what they mirror."""
     sky: Panorama | None = None
     """Radiance of rays without a hit, where it differs by direction."""
+    bodies: tuple[DynamicObject, ...] = ()
+    """Objects that shade baked light."""
     mean_sky: tuple[HemisphereLight, ...] = ()
     """What rough glossy surfaces mirror of all directions: the light of moving objects, too. On the
     scene itself baked light has that of its brightest node, times a map."""
@@ -191,12 +197,35 @@ def _shade_mesh(
     points = _lit_points(meshes[number], rays, hits)
     irradiance = _irradiance(meshes, number, points, lighting)
     if mesh.occlusion is not None:
-        factors = mesh.occlusion.factors(hits.triangle, points.positions + lighting.centre)
+        in_world = points.positions + lighting.centre
+        factors = mesh.occlusion.factors(hits.triangle, in_world)
+        if lighting.bodies:
+            own = mesh.facets.normals[hits.triangle]
+            factors = factors * _find_open_parts(lighting.bodies, in_world, own)[:, None]
         sky = facet_irradiance(hemisphere_lights(mesh.lights), points.normals)
         irradiance -= (1.0 - factors) * sky
     irradiance[mesh.facets.unlit[hits.triangle]] = 1.0
     radiance = meshes[number].albedo_at(hits, rays) * irradiance
     return radiance if mesh.emission is None else radiance + mesh.emission[hits.triangle]
+
+
+def _find_open_parts(
+    objects: Sequence[DynamicObject], points: Floats, normals: Floats
+) -> Floats:
+    """(n,) parts of baked light that objects leave to (n, 3) points, world frame."""
+    parts = np.ones(len(points))
+    for placed in objects:
+        box = np.array(find_body(placed.mesh))
+        pose, half = placed.world_from_object, box[3:]
+        local = matmul(points - pose.translation, pose.rotation) - box[:3]
+        turned = matmul(normals, pose.rotation)
+        outside = np.maximum(np.abs(local) - half, 0.0)
+        distance = np.sqrt(np.square(outside).sum(axis=-1))
+        fade = (SHADE_REACH_M - distance) / (SHADE_REACH_M - SHADE_FADE_M)
+        near = np.flatnonzero(fade > 0.0)
+        factors = np.clip(box_form_factors(local[near], turned[near], half), 0.0, 1.0)
+        parts[near] *= 1.0 - np.minimum(fade[near], 1.0) * factors
+    return parts
 
 
 def _lit_points(placed: PlacedMesh, rays: WorldRays, hits: FirstHits) -> _Points:

@@ -60,7 +60,7 @@ from catoptra_server.render.trace.trace_engine import (
     first_state,
     invert_ranges,
 )
-from catoptra_server.world.objects import CameraState, ObjectMesh
+from catoptra_server.world.objects import CameraState, DynamicObject, ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import hemisphere_lights, object_lights
 from catoptra_server.world.world_description import Light, World, srgb_from_linear
@@ -87,6 +87,7 @@ class ReferenceEngine:
         self._world = world
         self._centre = scene.centre
         self._scene = trace_scene(scene, self._centre, scene_lights)
+        self._is_baked = scene.baked_light is not None
         self._objects: dict[ObjectMesh, TracedMesh] = {}
         self.image_changer = NumpyImageChanger()
         self.description = "reference (NumPy float64)"
@@ -110,7 +111,7 @@ class ReferenceEngine:
         states = camera_states(exposure)
         objects = (
             (
-                self._find_object(copies[0].mesh),
+                self._find_object(copies[0]),
                 tuple(self._relative(copy.world_from_object) for copy in copies),
             )
             for copies in zip(*(state.objects for state in states), strict=True)
@@ -125,6 +126,7 @@ class ReferenceEngine:
                 states[0].has_gloss,
                 states[0].fog,
                 self._world.sky if states[0].has_sky else None,
+                states[0].objects if states[0].has_baked_light and self._is_baked else (),
                 hemisphere_lights(object_lights(self._world)),
             ),
         )
@@ -132,7 +134,7 @@ class ReferenceEngine:
     def _find_scene(self, state: CameraState) -> TracedMesh:
         """The static scene, with one light on each grid where a state has no more."""
         occlusion = self._scene.occlusion
-        if state.has_baked_light or occlusion is None or occlusion.ranges is None:
+        if state.has_baked_light or occlusion is None or not self._is_baked:
             return self._scene
         return replace(self._scene, occlusion=occlusion.average())
 
@@ -140,11 +142,12 @@ class ReferenceEngine:
         """Pose relative to the scene's centre. Both may be far from the world's origin."""
         return Pose(pose.rotation, pose.translation - self._centre)
 
-    def _find_object(self, mesh: ObjectMesh) -> TracedMesh:
+    def _find_object(self, placed: DynamicObject) -> TracedMesh:
         """An object's mesh with all lights: objects move towards lights that the scene culls."""
+        mesh = placed.mesh
         if mesh not in self._objects:
-            self._objects[mesh] = trace_object(mesh, object_lights(self._world))
-        return self._objects[mesh]
+            self._objects[mesh] = trace_object(mesh, ())
+        return replace(self._objects[mesh], lights=object_lights(self._world, placed.centre))
 
     def close(self) -> None:
         """End the threads."""

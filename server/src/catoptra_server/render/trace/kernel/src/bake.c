@@ -122,7 +122,8 @@ static void cast_node(const BakeJob *job, int32_t node) {
             int32_t triangle = hits.triangle[lane];
             Vec3 direction = get_lane((const float(*)[BLOCK_RAYS])rays.direction, lane);
             slots[lane] = find_slot(job, position, direction, rays.limit[lane], triangle);
-            if (triangle != NO_TRIANGLE && rays.limit[lane] < INSIDE_M)
+            if (triangle != NO_TRIANGLE &&
+                (rays.limit[lane] < INSIDE_M || node >= job->first_probe))
                 job->backs[node] +=
                     dot(vec3(job->normals + 3 * (size_t)triangle), direction) > 0.0f;
         }

@@ -379,6 +379,7 @@ void blur_tile(const FrameState *state, int tile, const TileContent *content, in
     if (!wanted)
         return;
     TileContent lit = *content;
+    lit.object = lit.is_shaded ? OBJECT_ANY : lit.object;
     /* Light that is the same at every instant, or changes evenly, is that of the sharp frame. */
     if (lit.triangle >= 0 && light_plane(state, tile, &lit))
         return;

@@ -6,6 +6,7 @@
 #include "coverage.h"
 
 #include "blur.h"
+#include "body_shade.h"
 #include "blur_plan.h"
 #include "fog.h"
 #include "light_map.h"
@@ -334,11 +335,32 @@ static int list_part(Search *search, const BeamSides *sides, const Part *part) {
     return is_whole;
 }
 
+/* The corners of the part of a known plane that a beam sees. */
+static void find_quad(const FrameState *state, const BeamSides *sides, int32_t triangle,
+                      Vec3 corners[4]) {
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    Vec3 apex = add(vec3(state->camera.translation), sides->apex);
+    Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle);
+    float height = dot(normal, subtract(plane_point(state, triangle), apex));
+    for (int i = 0; i < 4; i++)
+        corners[i] = add(apex, scale(height / dot(normal, sides->edge[i]), sides->edge[i]));
+}
+
 static void prove_part(Search *search, const BeamSides *sides, Part *part) {
     CandidateList *kept = &search->levels[part->level];
     int is_whole = list_part(search, sides, part);
     part->content.triangle = is_whole ? find_cover(search, kept, sides) : SURFACE_UNKNOWN;
     part->content.object = find_object(kept);
+    if (search->state->frame->shades && search->state->frame->output < OUTPUT_HITS &&
+        part->content.triangle >= 0 &&
+        part->content.object == OBJECT_NONE) {
+        Vec3 corners[4];
+        find_quad(search->state, sides, part->content.triangle, corners);
+        part->content.is_shaded = may_be_shaded(search->state, corners);
+        /* No proof about the facet's light holds beside a body. */
+        if (part->content.is_shaded && !has_occlusion(search->state->scene, part->content.triangle))
+            part->content.object = OBJECT_ANY;
+    }
     /* Nothing but small things: no quarter of it can be proven. */
     int is_hopeless =
         part->level <= search->finest_proven || !is_whole || !has_surfaces(kept);
@@ -361,17 +383,6 @@ static int is_unlit(const Search *search, const Part *part) {
     return search->state->frame->has_shadows && part->content.triangle >= 0 &&
            !is_moving &&
            !is_light_proven(search->state, part->content.triangle, part->content.proof);
-}
-
-/* The corners of the part of a known plane that a beam sees. */
-static void find_quad(const FrameState *state, const BeamSides *sides, int32_t triangle,
-                      Vec3 corners[4]) {
-    const MeshArrays *mesh = &state->scene->mesh->arrays;
-    Vec3 apex = add(vec3(state->camera.translation), sides->apex);
-    Vec3 normal = vec3(mesh->normals + 3 * (size_t)triangle);
-    float height = dot(normal, subtract(plane_point(state, triangle), apex));
-    for (int i = 0; i < 4; i++)
-        corners[i] = add(apex, scale(height / dot(normal, sides->edge[i]), sides->edge[i]));
 }
 
 static int may_be_open(const Search *search, const Part *part) {

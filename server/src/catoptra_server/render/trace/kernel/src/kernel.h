@@ -139,7 +139,7 @@ typedef struct {
     int32_t num_patches;           /* m */
     const int32_t *dark_sums;      /* (h + 1, w + 1) nodes above and left that are not open */
     const float *flat_factors;        /* (n, 3) factors of facets without a grid; NULL: all 1 */
-    uint8_t *seen;                 /* (m,) becomes 1 for grids that a frame looks up; or NULL */
+    const float *means; /* (m, 3) factors without the effect; NULL: its change is not wanted */
 } Occlusion;
 
 typedef struct {
@@ -235,6 +235,11 @@ typedef struct {
     int32_t num_objects;
     Mesh *const *objects;     /* (o,) */
     const Pose *object_poses; /* (K, o) the frame's coordinates from each object's frame */
+    /* (o, 6, 3) irradiance of surfaces that face x, -x, y, -y, down and up; NULL: the scene's. */
+    const float *object_light;
+    /* (o, 6) centre and half sides of the box by which each object shades baked light, in its
+     * frame; half sides of 0: it shades none. NULL: none does. */
+    const float *shades;
     int32_t num_boxes;
     const float *boxes;        /* (b, 6) centre and half size in the frame of an object */
     const int32_t *box_object; /* (b,) index of the object that a box encloses a part of */
@@ -286,6 +291,7 @@ typedef struct {
     float blur_ms;              /* time for the instants */
     PixelChange fog_change;
     PixelChange gloss_change; /* pixels counted by their samples */
+    PixelChange light_change; /* by baked light; likewise */
 } FrameCounts;
 
 CATOPTRA_EXPORT int32_t catoptra_abi(int32_t structure);
@@ -345,6 +351,7 @@ typedef struct {
     const Mesh *mesh;        /* surfaces that rays end on */
     const Mesh *casters;     /* what hides lamps; NULL: nothing */
     int32_t num_nodes;
+    int32_t first_probe;     /* nodes from here on stand free: they see no back from outside */
     const double *positions; /* (n, 3) before their surfaces */
     const int32_t *grid;     /* (n,) */
     const float *axes;       /* (m, 3, 3) of each grid: two along it, and its normal */
@@ -360,7 +367,7 @@ typedef struct {
     const float *turns;      /* (256, 2) cosines and sines of turns about the normal */
     int32_t *hits;           /* of the first node's first ray */
     int64_t stride;          /* from node to node */
-    int32_t *backs;          /* (n,) counts rays that meet backs near their node */
+    int32_t *backs;          /* (n,) counts rays that meet backs, near nodes of surfaces */
     int32_t num_lamps;
     const BakeLamp *lamps;
     float *light;            /* (n, num_lamps) irradiance by lamps of one unit is added */

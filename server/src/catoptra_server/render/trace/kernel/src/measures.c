@@ -127,9 +127,18 @@ static int is_smaller(const FrameState *state, const ChangeMeasure *measure, uin
 
 void note_samples(const FrameState *state, ChangeMeasure *measure, uint32_t lanes,
                   float one[3][BLOCK_RAYS], float other[3][BLOCK_RAYS]) {
-    float largest = 0.0f, brightest = 0.0f;
+    float largest = 0.0f, brightest = 0.0f, bound = 0.0f;
     int visible = 0;
     if (is_smaller(state, measure, lanes, one, other))
+        return;
+    for (int channel = 0; channel < 3; channel++) {
+        _Alignas(64) float before[BLOCK_RAYS], after[BLOCK_RAYS];
+        Floats16 any = splat16(one[channel][__builtin_ctz(lanes)]);
+        store16(select16(mask16(lanes), load16(one[channel]), any), before);
+        store16(select16(mask16(lanes), load16(other[channel]), load16(before)), after);
+        bound = fmaxf(bound, bound_change(state->frame, 1.0f, before, after));
+    }
+    if (bound <= read_largest(measure) && bound <= unseen_levels(state, measure))
         return;
     for (; lanes; lanes &= lanes - 1) {
         int lane = __builtin_ctz(lanes);

@@ -12,7 +12,7 @@
 #define UNSEEN_PART 0.5f
 
 struct Measures {
-    ChangeMeasure shadow, fog, gloss, blur;
+    ChangeMeasure shadow, fog, gloss, light, blur;
     ChangeMeasure watched;    /* against frames without the watched object */
     int blurs_unseen_shadows; /* the sharp frame shows none, other instants may */
     atomic_int skips_lamps;   /* some ray knows nothing of a lamp whose light nobody misses */

@@ -4,6 +4,7 @@
 #include "occluded_tiles.h"
 
 #include "blur_plan.h"
+#include "body_shade.h"
 #include "fog.h"
 #include "labels.h"
 #include "occlusion.h"
@@ -63,9 +64,10 @@ static inline float at(Linear value, float a, float b) {
     return value.middle + a * value.per_a + b * value.per_b;
 }
 
-/* Columns and rows of the atlas that the pixels' centres show. */
+/* Columns and rows of the atlas that the pixels' centres show, and points there. */
 static void find_positions(const FrameState *state, int32_t triangle, const PixelGrid *grid,
-                           float columns[BLOCK_RAYS], float rows[BLOCK_RAYS]) {
+                           float columns[BLOCK_RAYS], float rows[BLOCK_RAYS],
+                           float points[3][BLOCK_RAYS]) {
     const Scene *scene = state->scene;
     const OcclusionPatch *patch = patch_of(scene, triangle);
     Vec3 origin = vec3(state->camera.translation);
@@ -82,6 +84,8 @@ static void find_positions(const FrameState *state, int32_t triangle, const Pixe
         float distance = height / at(along_normal, a, b);
         columns[i] = first_column + distance * at(to_column, a, b);
         rows[i] = first_row + distance * at(to_row, a, b);
+        Vec3 along = add(grid->axis, add(scale(a, grid->along_a), scale(b, grid->along_b)));
+        set_lane(points, i, add(origin, scale(distance, along)));
     }
 }
 
@@ -95,12 +99,16 @@ static int are_near(const float columns[BLOCK_RAYS], const float rows[BLOCK_RAYS
 
 static void write_factors(const FrameState *state, int tile, int32_t triangle,
                           Vec3 light, const float factors[3][BLOCK_RAYS]) {
-    float radiance[3][BLOCK_RAYS];
+    float radiance[3][BLOCK_RAYS], sky[3][BLOCK_RAYS];
     float whole[3] = {light.x, light.y, light.z};
     const float *ambient = state->scene->ambient_radiance + 3 * (size_t)triangle;
     for (int channel = 0; channel < 3; channel++)
-        for (int i = 0; i < BLOCK_RAYS; i++)
+        for (int i = 0; i < BLOCK_RAYS; i++) {
+            sky[channel][i] = ambient[channel];
             radiance[channel][i] = whole[channel] - (1.0f - factors[channel][i]) * ambient[channel];
+        }
+    note_light(state, triangle, 0xffff, (const float(*)[BLOCK_RAYS])radiance,
+               (const float(*)[BLOCK_RAYS])sky, factors);
     write_radiance(state, tile, (const float(*)[BLOCK_RAYS])radiance);
     if (state->frame->inverse_range)
         fill_ranges(state, tile, triangle);
@@ -137,8 +145,9 @@ int fill_occluded_tile(const FrameState *state, int tile, const TileContent *con
     PixelGrid grid;
     int32_t triangle = content->triangle;
     _Alignas(64) float columns[BLOCK_RAYS], rows[BLOCK_RAYS], factors[3][BLOCK_RAYS];
+    _Alignas(64) float points[3][BLOCK_RAYS], parts[BLOCK_RAYS];
     find_grid(state, beam, &grid);
-    find_positions(state, triangle, &grid, columns, rows);
+    find_positions(state, triangle, &grid, columns, rows, points);
     /* Baked light is open at its brightest nodes alone. */
     int is_light = state->scene->occlusion.light != NULL;
     if (!is_light && is_sky_open(state->scene, triangle, columns, rows)) {
@@ -151,6 +160,12 @@ int fill_occluded_tile(const FrameState *state, int tile, const TileContent *con
     if (!is_filled && !(is_near && is_light))
         return 0;
     find_factors(state->scene, triangle, columns, rows, factors);
+    Vec3 normal = vec3(state->scene->mesh->arrays.normals + 3 * (size_t)triangle);
+    if (content->is_shaded &&
+        find_open_parts(state, 0xffff, (const float(*)[BLOCK_RAYS])points, normal, parts))
+        for (int channel = 0; channel < 3; channel++)
+            for (int i = 0; i < BLOCK_RAYS; i++)
+                factors[channel][i] *= parts[i];
     if (!is_filled) {
         FacetPlane plane = find_facet_plane(state, triangle);
         TileContent dim = *content;

@@ -3,6 +3,9 @@
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "occlusion.h"
 
+#include "body_shade.h"
+#include "lanes.h"
+#include "measures.h"
 #include "pixels.h"
 
 #include <math.h>
@@ -17,6 +20,9 @@
 enum { MAX_FEW = 6 };
 /* Float32's rounding of a position in the atlas, nodes. */
 #define TOLERANCE 0.01f
+/* Twin: effects/scene/baked_light.py: a surface darker than white changes by less, but for the jump
+ * of the sRGB curve's slope. */
+#define JUMP 1.0173f
 
 /* Not a number becomes the first. */
 static inline float limit(float value, float first, float last) {
@@ -265,7 +271,7 @@ static int find_few_factors(const Scene *scene, uint32_t mask, int32_t triangle,
         set_lane(factors, lane, factor);
         is_dark |= factor.x < 1.0f || factor.y < 1.0f || factor.z < 1.0f;
     }
-    return is_dark;
+    return is_dark || scene->occlusion.light;
 }
 
 /* The same, all 16 at once. */
@@ -284,21 +290,54 @@ static int find_many_factors(const Scene *scene, uint32_t mask, int32_t triangle
     return least < 1.0f;
 }
 
+void note_light(const FrameState *state, int32_t triangle, uint32_t lanes,
+                const float radiance[3][BLOCK_RAYS], const float sky[3][BLOCK_RAYS],
+                const float factors[3][BLOCK_RAYS]) {
+    const Occlusion *occlusion = &state->scene->occlusion;
+    if (!occlusion->means)
+        return;
+    const float open[3] = {1.0f, 1.0f, 1.0f};
+    int32_t grid = occlusion->patch_of[triangle];
+    const float *means = grid < 0 ? open : occlusion->means + 3 * (size_t)grid;
+    float gain = state->frame->largest_gain;
+    _Alignas(64) float one[3][BLOCK_RAYS], other[3][BLOCK_RAYS];
+    for (int channel = 0; channel < 3; channel++) {
+        Floats16 lit = load16(radiance[channel]);
+        Floats16 change = JUMP * (load16(factors[channel]) - means[channel]) * load16(sky[channel]);
+        Floats16 plain = lit - change, larger = gain * most16(lit, plain);
+        /* Of all that a texture leaves, what just reaches white shows most. */
+        Floats16 white = 1.0f / most16(larger, splat16(1.0f));
+        store16(white * lit, one[channel]);
+        store16(white * most16(plain, splat16(0.0f)), other[channel]);
+    }
+    note_samples(state, &state->measures->light, lanes, one, other);
+}
+
 static void hide_sky_from_facet(const FrameState *state, uint32_t mask, uint32_t all_sky, int32_t triangle,
                                 const float ends[3][BLOCK_RAYS], float radiance[3][BLOCK_RAYS]) {
     const Scene *scene = state->scene;
-    _Alignas(64) float factors[3][BLOCK_RAYS];
-    int is_few = __builtin_popcount(mask) <= MAX_FEW;
-    if (is_few ? !find_few_factors(scene, mask, triangle, ends, factors)
-               : !find_many_factors(scene, mask, triangle, ends, factors))
+    _Alignas(64) float factors[3][BLOCK_RAYS] = {{0}}, parts[BLOCK_RAYS], sky[3][BLOCK_RAYS];
+    Vec3 normal = vec3(scene->mesh->arrays.normals + 3 * (size_t)triangle);
+    int is_few = __builtin_popcount(mask) <= MAX_FEW, is_dark = 0;
+    int is_shaded = state->frame->shades && find_open_parts(state, mask, ends, normal, parts);
+    if (has_occlusion(scene, triangle))
+        is_dark = is_few ? find_few_factors(scene, mask, triangle, ends, factors)
+                         : find_many_factors(scene, mask, triangle, ends, factors);
+    if (!is_dark && !is_shaded)
         return;
     const float *ambient = scene->ambient_radiance + 3 * (size_t)triangle;
-    for (; mask; mask &= mask - 1) {
-        int lane = __builtin_ctz(mask);
-        for (int channel = 0; channel < 3; channel++)
-            radiance[channel][lane] -= (1.0f - factors[channel][lane]) *
-                                       (all_sky >> lane & 1 ? radiance[channel][lane] : ambient[channel]);
+    for (int channel = 0; channel < 3; channel++) {
+        Floats16 factor = is_dark ? load16(factors[channel]) : splat16(1.0f);
+        factor = is_shaded ? factor * load16(parts) : factor;
+        Floats16 lit = load16(radiance[channel]);
+        Floats16 all = select16(mask16(all_sky), lit, splat16(ambient[channel]));
+        lit = select16(mask16(mask), lit - (1.0f - factor) * all, lit);
+        store16(factor, factors[channel]);
+        store16(all, sky[channel]);
+        store16(lit, radiance[channel]);
     }
+    note_light(state, triangle, mask, (const float(*)[BLOCK_RAYS])radiance,
+               (const float(*)[BLOCK_RAYS])sky, (const float(*)[BLOCK_RAYS])factors);
 }
 
 void hide_sky(const FrameState *state, uint32_t mask, uint32_t all_sky, const RayBlock *rays,
@@ -333,7 +372,12 @@ void hide_sky_in_block(const FrameState *state, int32_t triangle, const RayBlock
     Vec3 ambient = vec3(state->scene->ambient_radiance + 3 * (size_t)triangle);
     float share[3] = {share_of(ambient.x, light.x), share_of(ambient.y, light.y),
                       share_of(ambient.z, light.z)};
+    _Alignas(64) float sky[3][BLOCK_RAYS];
     for (int channel = 0; channel < 3; channel++)
-        for (int i = 0; i < BLOCK_RAYS; i++)
-            radiance[channel][i] -= share[channel] * (1.0f - factors[channel][i]) * radiance[channel][i];
+        for (int i = 0; i < BLOCK_RAYS; i++) {
+            sky[channel][i] = share[channel] * radiance[channel][i];
+            radiance[channel][i] -= (1.0f - factors[channel][i]) * sky[channel][i];
+        }
+    note_light(state, triangle, 0xffff, (const float(*)[BLOCK_RAYS])radiance,
+               (const float(*)[BLOCK_RAYS])sky, (const float(*)[BLOCK_RAYS])factors);
 }

@@ -18,11 +18,7 @@ static inline int has_occlusion(const Scene *scene, int32_t triangle) {
 }
 
 static inline const OcclusionPatch *patch_of(const Scene *scene, int32_t triangle) {
-    int32_t grid = scene->occlusion.patch_of[triangle];
-    /* Of several threads each writes the same. */
-    if (scene->occlusion.seen)
-        __atomic_store_n(scene->occlusion.seen + grid, 1, __ATOMIC_RELAXED);
-    return scene->occlusion.patches + grid;
+    return scene->occlusion.patches + scene->occlusion.patch_of[triangle];
 }
 
 /* Column or row of a point in the atlas. */
@@ -43,11 +39,17 @@ SkyView find_sky_view(const Scene *scene, int32_t triangle, const Vec3 corners[4
 int is_sky_open(const Scene *scene, int32_t triangle, const float columns[BLOCK_RAYS],
                 const float rows[BLOCK_RAYS]);
 
-/* Take from the (3, 16) radiance of a mask of rays what the scene hides of the sky where they meet
- * static facets that have grids: before textures, and before lights are added one by one. The rays'
+/* Take from the (3, 16) radiance of a mask of rays what scene and bodies hide of the sky where they
+ * meet static facets: before textures, and before lights are added one by one. The rays'
  * limits are the distances of their hits. */
 void hide_sky(const FrameState *state, uint32_t mask, uint32_t all_sky, const RayBlock *rays,
               const HitBlock *hits, float radiance[3][BLOCK_RAYS]);
+
+/* Note what (3, 16) factors of the sky's light, instead of their grid's means, change of radiance on
+ * a facet, by lanes; `sky`: the part that factors scale. Whatever light and textures follow. */
+void note_light(const FrameState *state, int32_t triangle, uint32_t lanes,
+                const float radiance[3][BLOCK_RAYS], const float sky[3][BLOCK_RAYS],
+                const float factors[3][BLOCK_RAYS]);
 
 /* Scale the (3, 16) radiance of rays that all meet a facet's plane; `light`: the
  * facet's radiance with factor 1, before its texture; `known`: the factors, or NULL. */

@@ -33,6 +33,23 @@ Vec3 ambient_irradiance(const Hemisphere *hemisphere, Vec3 normal) {
     return add(scale(upward, vec3(hemisphere->up)), scale(1.0f - upward, vec3(hemisphere->down)));
 }
 
+/* Light of an object, from 0 on: the even part weighs the means of opposite sides by squares of the
+ * normal. */
+static Vec3 object_irradiance(const FrameState *state, int object, Vec3 normal) {
+    if (!state->frame->object_light)
+        return ambient_irradiance(&state->scene->object_hemisphere, normal);
+    const float *faces = state->frame->object_light + 18 * (size_t)object;
+    float along[3] = {normal.x, normal.y, normal.z}, total[3] = {0, 0, 0};
+    for (int channel = 0; channel < 3; channel++) {
+        for (int axis = 0; axis < 3; axis++) {
+            float one = faces[6 * axis + channel], other = faces[6 * axis + 3 + channel];
+            total[channel] += 0.5f * along[axis] * (one - other + along[axis] * (one + other));
+        }
+        total[channel] = total[channel] > 0.0f ? total[channel] : 0.0f;
+    }
+    return vec3(total);
+}
+
 /* Whether a ray sees the back of a facet that is lit on both sides. */
 static int sees_back(const FrameState *state, const RayBlock *rays, int lane, int object,
                      int triangle) {
@@ -64,12 +81,12 @@ Vec3 table_entry(const FrameState *state, int object, int triangle) {
     return state->object_radiance[object - 1][triangle];
 }
 
-static Vec3 light_facet(const FrameState *state, const MeshArrays *mesh, int triangle,
-                        Vec3 normal) {
+static Vec3 light_facet(const FrameState *state, int object, int triangle, Vec3 normal) {
+    const MeshArrays *mesh = &state->frame->objects[object]->arrays;
     Vec3 albedo = vec3(mesh->albedo + 3 * (size_t)triangle);
     if (mesh->flags[triangle] & FACET_UNLIT)
         return albedo;
-    Vec3 irradiance = ambient_irradiance(&state->scene->object_hemisphere, normal);
+    Vec3 irradiance = object_irradiance(state, object, normal);
     for (int i = 0; i < state->scene->num_lights; i++) {
         float cosine = dot(vec3(state->scene->lights[i].vector), normal);
         if (cosine > 0.0f)
@@ -119,7 +136,7 @@ const Vec3 **light_objects(const FrameState *state) {
         Pose pose;
         object_pose(state, object, &pose);
         for (int32_t i = 0; i < mesh->num_triangles; i++)
-            *next++ = light_facet(state, mesh, i,
+            *next++ = light_facet(state, object, i,
                                   rotate(pose.rotation, vec3(mesh->normals + 3 * (size_t)i)));
     }
     return radiance;
@@ -133,13 +150,20 @@ static Vec3 base_radiance(const FrameState *state, int object, int triangle, int
         return albedo;
     if (object == OBJECT_STATIC && !is_coloured)
         return table_entry(state, object, triangle);
-    const Hemisphere *sky = object == OBJECT_STATIC ? &state->scene->hemisphere
-                                                    : &state->scene->object_hemisphere;
-    Vec3 irradiance = ambient_irradiance(sky, normal);
-    if (object == OBJECT_STATIC && state->scene->occlusion.flat_factors)
+    if (object != OBJECT_STATIC)
+        return multiply(albedo, object_irradiance(state, object - 1, normal));
+    Vec3 irradiance = ambient_irradiance(&state->scene->hemisphere, normal);
+    if (state->scene->occlusion.flat_factors)
         irradiance =
             multiply(irradiance, vec3(state->scene->occlusion.flat_factors + 3 * (size_t)triangle));
     return multiply(albedo, irradiance);
+}
+
+/* Whether less than all of the sky may reach points of a static facet. */
+static int is_dim(const FrameState *state, int32_t triangle) {
+    return has_occlusion(state->scene, triangle) ||
+           (state->frame->shades &&
+            !(state->scene->mesh->arrays.flags[triangle] & FACET_UNLIT));
 }
 
 /* Radiance from the tables; which other rays' radiance has to be computed, and how. */
@@ -157,7 +181,7 @@ static void look_up(const FrameState *state, const RayBlock *rays, const HitBloc
         if (object == OBJECT_STATIC &&
             state->scene->mesh->arrays.flags[triangle] & FACET_TWO_SIDED)
             same = 1u << lane;
-        if (object == OBJECT_STATIC && has_occlusion(state->scene, triangle))
+        if (object == OBJECT_STATIC && is_dim(state, triangle))
             surface->dim |= same;
         if (!is_back && is_tabulated(state, object, triangle)) {
             set_lanes(radiance, same, table_entry(state, object, triangle));

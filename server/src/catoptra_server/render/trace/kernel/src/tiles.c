@@ -175,7 +175,7 @@ static void write_table_colours(const FrameState *state, int tile, uint32_t acti
 static int has_table_colours(const FrameState *state, const RayBlock *rays, const HitBlock *hits) {
     const uint8_t *facets = state->scene->mesh->arrays.flags;
     if (state->has_point_lights || state->frame->output != OUTPUT_SRGB || state->plan ||
-        state->frame->inverse_range || has_fog(state) || state->scene->mesh->arrays.blended)
+        state->frame->inverse_range || state->frame->shades || has_fog(state) || state->scene->mesh->arrays.blended)
         return 0;
     int meets_object = 0, is_special = 0;
     uint8_t flags = 0;
@@ -283,7 +283,8 @@ static void fill_block(const FrameState *state, const TileContent *content, cons
 
 static void shade(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
                   const TileContent *content, float radiance[3][BLOCK_RAYS], LostLight *lost) {
-    int is_known = content->triangle >= 0 && content->object == OBJECT_NONE;
+    int is_known = content->triangle >= 0 && content->object == OBJECT_NONE &&
+                   !(content->is_shaded && !content->factors);
     PlaneLight light;
     if (!is_known || rays->active != 0xffff ||
         !find_plane_light(state, content->triangle, content->proof, &light)) {

@@ -17,6 +17,7 @@ typedef struct {
     int32_t object;   /* the only dynamic object that rays may meet; OBJECT_NONE or OBJECT_ANY */
     LightProof proof;  /* what is known of the lights on the triangle's plane */
     int is_open;       /* no part of the sky is hidden anywhere on it */
+    int is_shaded;     /* bodies may take baked light of the triangle, which has a grid */
     int may_be_thin; /* something may pass between the samples; known while a frame moves */
     const ShortList *short_list; /* all that may be seen of the static scene; NULL: not known */
     const FacetProofs *proofs; /* of the lights on facets of the static scene; NULL: none */
@@ -28,7 +29,7 @@ typedef struct {
 } TileContent;
 
 #define UNKNOWN_CONTENT \
-    ((TileContent){SURFACE_UNKNOWN, OBJECT_ANY, {0, 0}, 0, 0, NULL, NULL, NULL, NULL, NULL, NULL})
+    ((TileContent){SURFACE_UNKNOWN, OBJECT_ANY, {0, 0}, 0, 0, 0, NULL, NULL, NULL, NULL, NULL, NULL})
 
 /* Render a tile; where the triangle is unknown, rays are traced. */
 void render_tile(const FrameState *state, int tile, const TileContent *content);
