@@ -26,7 +26,8 @@ from catoptra_studies.plot_style import Image
 _SUFFIXES = (".jpg", ".jpeg", ".png")
 # 8192 x 8192, the largest picture of a camera of the server.
 _MAX_PIXELS = 2**26
-_FLAGS = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+# No histogram is normalized: behind a room of one colour that would merge the squares of a twin.
+_FLAGS = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
 # A half of them has to calibrate a camera, which the other half tests.
 _MIN_BOARDS = 4
 _QUALITIES = range(30, 101)

@@ -63,6 +63,10 @@ class PictureMeasures:
     patch_colours: Floats
     """(m, 3) mean RGB levels."""
     patch_is_white: Bools
+    black_parity: int
+    """Of column + row of the black squares, counted from the first inner corner."""
+    room_colour: Floats
+    """(3,) RGB level of the mean light."""
     histograms: dict[str, Histogram]
     """Of each of CLASSES, smoothed as training smooths."""
 
@@ -123,16 +127,17 @@ def measure_picture(
     widths, incidence = _measure_edges(grey, place, camera, pose, board)
     patches = _measure_patches(rgb, grey, place, camera, board)
     levels, noise, radius, colours, parity = patches
-    # Which of the two colours is white is a matter of the print and of where counting began.
-    even = levels[parity == 0].mean() if (parity == 0).any() else 0.0
-    odd = levels[parity == 1].mean() if (parity == 1).any() else 0.0
-    is_white = parity == (1 if odd > even else 0)
-    masks = class_masks(camera, place, board, white_parity=1 if odd > even else 0)
+    # Which of the two colours is black is a matter of the print and of where counting began.
+    even, odd = (float(levels[parity == each].sum()) for each in (0, 1))
+    black_parity = 0 if odd > even else 1
+    masks = class_masks(camera, place, board, black_parity=black_parity)
+    room = encoded_level(linear_light(rgb[masks["room"]]).mean(axis=0))
     histograms = {name: smooth_histogram(histogram_from_pixels(rgb[mask], BINS))
                   for name, mask in masks.items()}  # fmt: skip
     return PictureMeasures(
-        widths, incidence, levels, noise, radius, colours, is_white, histograms
-    )
+        widths, incidence, levels, noise, radius, colours, parity != black_parity, black_parity,
+        room, histograms,
+    )  # fmt: skip
 
 
 def board_coordinates(camera: OmniCamera, pose: BoardPose, board: Board) -> Floats:
@@ -152,7 +157,7 @@ def board_coordinates(camera: OmniCamera, pose: BoardPose, board: Board) -> Floa
 
 
 def class_masks(
-    camera: OmniCamera, place: Floats, board: Board, *, white_parity: int
+    camera: OmniCamera, place: Floats, board: Board, *, black_parity: int
 ) -> dict[str, Bools]:
     """(h, w) pixels that show a black square, a white one, or the room; borders are none of these."""
     x, y = place[..., 0], place[..., 1]
@@ -160,7 +165,7 @@ def class_masks(
         column, row = np.floor(x), np.floor(y)
         inside = np.minimum(np.minimum(x - column, column + 1 - x), np.minimum(y - row, row + 1 - y))
         is_on = (x > -1) & (x < board.columns) & (y > -1) & (y < board.rows) & (inside > _INSET)
-        is_white = (column + row) % 2 == white_parity
+        is_white = (column + row) % 2 != black_parity
         outside = (x < -1 - _MARGIN) | (x > board.columns + _MARGIN)
         outside |= (y < -1 - _MARGIN) | (y > board.rows + _MARGIN) | np.isnan(x)
     directions, is_seen = _pixel_directions(camera)
