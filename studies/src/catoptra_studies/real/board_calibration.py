@@ -1,4 +1,4 @@
-"""Poses of boards, and the camera that shows them: fitted, and judged by pictures it was not fitted to.
+"""Poses of boards, and a camera fitted to them, judged by pictures that it was not fitted to.
 
 The camera is the unified model (Mei & Rives, ICRA 2007) with two terms of radial and two of
 tangential distortion, from the camera file's values on: Levenberg and Marquardt's method on all
@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -21,7 +22,6 @@ from catoptra_protocol.optics.image_plane import ImagePlane
 from catoptra_protocol.optics.lenses import UnifiedLens
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
-from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_studies.real.photographs import Board, start_pose
 
@@ -125,9 +125,8 @@ def calibrate(start: OmniCamera, corners_px: Sequence[Floats], board: Board) -> 
         for number, corners in enumerate(corners_px):
             rows = slice(row, row + 2 * len(corners))
             columns = slice(_NUM_INTRINSICS + 6 * number, _NUM_INTRINSICS + 6 * number + 6)
-            found[rows, columns] = _differences(
-                lambda v, c=corners: _pose_residuals(model, v, c, board), x[columns], value[rows]
-            )
+            of_pose = partial(_pose_residuals, model, corners_px=corners, board=board)
+            found[rows, columns] = _differences(of_pose, x[columns], value[rows])
             row = rows.stop
         return found
 
@@ -185,8 +184,8 @@ def measure_straightness_px(camera: OmniCamera, corners_px: Floats, board: Board
 def are_mirrored(camera: OmniCamera, corners_px: Sequence[Floats], board: Board) -> bool:
     """Whether pictures are turned round left to right, by the camera's own asymmetry.
 
-    A camera whose axis is off the middle, or whose plane is decentred, fits pictures of its own hand
-    better. Pictures of a symmetrical camera look the same either way: False.
+    A camera whose axis is off the middle, or whose plane is decentred, fits pictures of its own
+    hand better. Pictures of a symmetrical camera look the same either way: False.
     """
     turned = [np.stack((camera.width_px - c[:, 0], c[:, 1]), axis=-1) for c in corners_px]
     return _fixed_rms(camera, turned, board) < _MIRRORED_RATIO * _fixed_rms(
@@ -217,8 +216,16 @@ def _intrinsics(camera: OmniCamera) -> Floats:
     assert isinstance(lens, UnifiedLens), "made so by calibrate"
     aspect = plane.stretch[3]
     return np.array(
-        (lens.xi, lens.k1, lens.k2, plane.p1, plane.p2, math.log(camera.scale_px), aspect)
-        + camera.centre_px
+        (
+            lens.xi,
+            lens.k1,
+            lens.k2,
+            plane.p1,
+            plane.p2,
+            math.log(camera.scale_px),
+            aspect,
+            *camera.centre_px,
+        )
     )
 
 

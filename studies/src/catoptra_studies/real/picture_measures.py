@@ -1,11 +1,11 @@
 """What a picture of a board measures: widths of edges, noise, shading, colours.
 
-All from the pixels as coded (encoded grey levels of 255) and from the pose of the board, by the same
-functions for photographs and for twins. Per pixel the board's own coordinates say what it shows.
+All from the pixels as coded (encoded grey levels of 255) and from the pose of the board, by the
+same functions for photographs and for twins. The board's own coordinates say what a pixel shows.
 
 * Edges between a black and a white square: levels over the distance from the edge, in pixels, from
-  the pixels themselves (no interpolation, which would blur); a step behind a Gaussian is fitted, and
-  its rise from 10 to 90 % is the width: 2.563 standard deviations.
+  the pixels themselves (no interpolation, which would blur); a step behind a Gaussian is fitted,
+  and its rise from 10 to 90 % is the width: 2.563 standard deviations.
 * Noise: what is left of a patch inside of a square after a quadratic surface, which light and the
   tails of edges make. The degrees of freedom are counted.
 * Shading: relative light of white squares over the square of the image radius, within a picture, as
@@ -21,7 +21,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from catoptra_client.landmarks.classifier import Histogram, histogram_from_pixels, smooth_histogram
+from catoptra_client.landmarks.classifier import Histogram, histogram_from_pixels
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel_grid
 from catoptra_studies.plot_style import Image
@@ -68,7 +68,7 @@ class PictureMeasures:
     room_colour: Floats
     """(3,) RGB level of the mean light."""
     histograms: dict[str, Histogram]
-    """Of each of CLASSES, smoothed as training smooths."""
+    """Of each of CLASSES."""
 
     @property
     def edge_width_px(self) -> float:
@@ -131,9 +131,8 @@ def measure_picture(
     even, odd = (float(levels[parity == each].sum()) for each in (0, 1))
     black_parity = 0 if odd > even else 1
     masks = class_masks(camera, place, board, black_parity=black_parity)
-    room = encoded_level(linear_light(rgb[masks["room"]]).mean(axis=0))
-    histograms = {name: smooth_histogram(histogram_from_pixels(rgb[mask], BINS))
-                  for name, mask in masks.items()}  # fmt: skip
+    room = encoded_level(linear_light(rgb[masks["room"]].astype(np.float64)).mean(axis=0))
+    histograms = {name: histogram_from_pixels(rgb[mask], BINS) for name, mask in masks.items()}
     return PictureMeasures(
         widths, incidence, levels, noise, radius, colours, parity != black_parity, black_parity,
         room, histograms,
@@ -145,7 +144,7 @@ def board_coordinates(camera: OmniCamera, pose: BoardPose, board: Board) -> Floa
 
     NaN where a pixel shows nothing or its ray does not meet the plane.
     """
-    directions, is_seen = _pixel_directions(camera)
+    directions, is_seen = pixel_directions(camera)
     where = pose.mirror_from_board
     normal = where.rotation[:, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -159,16 +158,18 @@ def board_coordinates(camera: OmniCamera, pose: BoardPose, board: Board) -> Floa
 def class_masks(
     camera: OmniCamera, place: Floats, board: Board, *, black_parity: int
 ) -> dict[str, Bools]:
-    """(h, w) pixels that show a black square, a white one, or the room; borders are none of these."""
+    """(h, w) pixels that show a black square, a white one, or the room; borders show none."""
     x, y = place[..., 0], place[..., 1]
     with np.errstate(invalid="ignore"):
         column, row = np.floor(x), np.floor(y)
-        inside = np.minimum(np.minimum(x - column, column + 1 - x), np.minimum(y - row, row + 1 - y))
+        inside = np.minimum(
+            np.minimum(x - column, column + 1 - x), np.minimum(y - row, row + 1 - y)
+        )
         is_on = (x > -1) & (x < board.columns) & (y > -1) & (y < board.rows) & (inside > _INSET)
         is_white = (column + row) % 2 != black_parity
         outside = (x < -1 - _MARGIN) | (x > board.columns + _MARGIN)
         outside |= (y < -1 - _MARGIN) | (y > board.rows + _MARGIN) | np.isnan(x)
-    directions, is_seen = _pixel_directions(camera)
+    directions, is_seen = pixel_directions(camera)
     angle_deg = np.degrees(np.arccos(np.clip(directions[..., 2], -1.0, 1.0)))
     is_room = is_seen & (angle_deg > _ROOM_DEG[0]) & (angle_deg < _ROOM_DEG[1])
     return {"black": is_on & ~is_white, "white": is_on & is_white, "room": outside & is_room}
@@ -183,8 +184,9 @@ def measure_lateral_colour(rgb: Image, corners_px: Floats, camera: OmniCamera) -
 
 
 @lru_cache(maxsize=4)
-def _pixel_directions(camera: OmniCamera) -> tuple[Floats, Bools]:
-    u, v = np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5
+def pixel_directions(camera: OmniCamera) -> tuple[Floats, Bools]:
+    """(h, w, 3) unit directions of pixels, and (h, w) whether they are in view."""
+    u, v = (np.arange(side, dtype=np.float64) + 0.5 for side in (camera.width_px, camera.height_px))
     return direction_from_pixel_grid(camera, u, v)
 
 
@@ -275,29 +277,34 @@ def _measure_patches(
     rgb: Image, grey: Floats, place: Floats, camera: OmniCamera, board: Board
 ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """Level, noise, relative radius, colour and parity of the inside of each square."""
-    rows: list[tuple[float, ...]] = []
     x, y = place[..., 0], place[..., 1]
-    for square_x in range(-1, board.columns):
-        for square_y in range(-1, board.rows):
-            with np.errstate(invalid="ignore"):
-                du, dv = np.abs(x - square_x - 0.5), np.abs(y - square_y - 0.5)
-                near = (du < 0.5) & (dv < 0.5)
-            size_px = math.sqrt(max(int(near.sum()), 1))
-            half = 0.5 - max(_INSET, _INSET_PX / size_px)
-            with np.errstate(invalid="ignore"):
-                inner = near & (du < half) & (dv < half)
-            if inner.sum() < _MIN_PATCH_PIXELS:
-                continue
-            v, u = np.nonzero(inner)
-            values = grey[v, u]
-            a, b = u - u.mean(), v - v.mean()
-            surface = np.stack((np.ones_like(a), a, b, a * a, a * b, b * b), axis=-1)
-            left = values - surface @ np.linalg.lstsq(surface, values, rcond=None)[0]
-            noise = math.sqrt(float(left @ left) / (len(left) - surface.shape[1]))
-            radius = np.hypot(u.mean() + 0.5 - camera.centre_px[0],
-                              v.mean() + 0.5 - camera.centre_px[1])  # fmt: skip
-            rows.append((float(values.mean()), noise, float(radius) / camera.rim_radius_px,
-                         *rgb[v, u].mean(axis=0), (square_x + square_y) % 2))  # fmt: skip
+    with np.errstate(invalid="ignore"):
+        is_on = (x > -1) & (x < board.columns) & (y > -1) & (y < board.rows)
+    v, u = np.nonzero(is_on)
+    column, row = np.floor(x[v, u]), np.floor(y[v, u])
+    inset = np.minimum(np.abs(x[v, u] - np.rint(x[v, u])), np.abs(y[v, u] - np.rint(y[v, u])))
+    number = ((column + 1) * (board.rows + 1) + row + 1).astype(int)
+    size_px = np.sqrt(np.bincount(number))
+    inner = inset > np.maximum(_INSET, _INSET_PX / size_px[number])
+    rows: list[tuple[float, ...]] = []
+    order = np.flatnonzero(inner)[np.argsort(number[inner], kind="stable")]
+    starts = np.flatnonzero(np.diff(number[order], prepend=-1))
+    for chosen in np.split(order, starts[1:]):
+        if len(chosen) < _MIN_PATCH_PIXELS:
+            continue
+        values = grey[v[chosen], u[chosen]]
+        a, b = u[chosen] - u[chosen].mean(), v[chosen] - v[chosen].mean()
+        surface = np.stack((np.ones_like(a), a, b, a * a, a * b, b * b), axis=-1)
+        left = values - surface @ np.linalg.lstsq(surface, values, rcond=None)[0]
+        noise = math.sqrt(float(left @ left) / (len(left) - surface.shape[1]))
+        off = (
+            u[chosen].mean() + 0.5 - camera.centre_px[0],
+            v[chosen].mean() + 0.5 - (camera.centre_px[1]),
+        )
+        colour = rgb[v[chosen], u[chosen]].mean(axis=0)
+        parity = float((column[chosen[0]] + row[chosen[0]]) % 2)
+        radius = math.hypot(*off) / camera.rim_radius_px
+        rows.append((float(values.mean()), noise, radius, *colour, parity))
     table = np.array(rows).reshape(-1, 7)
     return table[:, 0], table[:, 1], table[:, 2], table[:, 3:6], table[:, 6]
 

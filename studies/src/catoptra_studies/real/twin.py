@@ -1,10 +1,11 @@
-"""The twin of a photograph: the recovered board in a room of one colour, drawn by the server's code.
+"""The twin of a photograph: its board in a room of one colour, drawn by the server's code.
 
 Files for the server say all of it, so a twin can be served as it is: a world for each photograph
 (`catoptra-server --robot twin.ini --world NAME.ini`), and a camera on a tripod at the origin, whose
-mirror frame is the world's. What is known of the scene is drawn and nothing else: the board's squares
-and margin in the colours that its patches have in the photograph, and the room's mean colour all
-around. Everything is shown at that light whatever the lights (unlit): one light, the photograph's own.
+mirror frame is the world's. What is known of the scene is drawn and nothing else: squares and
+margin of the board in the colours that its patches have in the photograph, and the room's mean
+colour all around. Everything is shown at that light whatever the lights (unlit): one light, the
+photograph's own.
 
 A lens whose picture is mirrored stands for a mirror. `write_mirror_camera` makes that mirror of its
 image radii (Chahl & Srinivasan 1997), with a focal length of the capture lens, so that defocus and
