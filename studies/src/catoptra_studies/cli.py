@@ -20,6 +20,7 @@ COMMANDS = {
     "live": "show a robot that drives and localizes itself in a browser, in real time",
     "cost": "measure what accuracy costs in time and gains in localization",
     "effects": "show each image effect, and the levels at which classification fails",
+    "real": "compare photographs through a real camera with pictures of their twins",
     "cameras": "draw a gallery of all camera models in one world",
     "compare": "compare cameras for a task: resolution, blind zone, localization, cost",
     "figures": "draw the figures of the camera: faces, cube, mirrors, comparisons",
@@ -80,6 +81,10 @@ def _load_command(name: str) -> Callable[[Sequence[str]], int]:
             from catoptra_studies.effects.effects_command import main as run_effects
 
             return run_effects
+        case "real":
+            from catoptra_studies.real.real_command import main as run_real
+
+            return run_real
         case "cameras":
             from catoptra_studies.cameras.cameras_command import main as draw_cameras
 

@@ -41,6 +41,11 @@ def test_file_when_based_on_another_overrides_it(tmp_path: Path) -> None:
     assert file.get_section("B").get_float("K") == 7.0
 
 
+def test_robot_file_is_based_on_a_bundled_camera_by_its_name(tmp_path: Path) -> None:
+    path = write_file(tmp_path, "x.ini", "[Configuration]", "BasedOn=kaidan_360")
+    assert IniFile(path).get_section("Catoptra.Kaidan360").get_str("Lens") == "unified"
+
+
 def test_file_when_an_inherited_value_is_wrong_names_the_base(tmp_path: Path) -> None:
     write_file(tmp_path, "base.ini", "[A]", "K=x")
     path = write_file(tmp_path, "x.ini", "[Configuration]", "BasedOn=base.ini")

@@ -405,3 +405,26 @@ def test_mirror_when_its_picture_is_flipped_has_its_axis_at_the_mirrored_column(
     pixel, valid = camera.pixel_from_direction(np.array([0.0, 1.0, 0.5]))
     assert valid
     assert pixel[0] > camera.centre_px[0]
+
+
+def test_mirror_has_focal_length_and_centre_of_a_calibration(tmp_path: Path) -> None:
+    plain = ball_camera(tmp_path, "Central=always")
+    focal_px = 1.1 / plain.inverse_focal_length
+    keys = (
+        f"FocalLength={focal_px}",
+        f"FocalLengthY={1.01 * focal_px}",
+        "CentreU=170",
+        "CentreV=188",
+    )
+    camera = ball_camera(tmp_path, "Central=always", "[Catoptra.OmniCaptureCamera]", *keys)
+    assert camera.centre_px == (170.0, 188.0)
+    assert camera.scale_px == pytest.approx(1.1 * plain.scale_px, rel=1e-12)
+    assert camera.plane.stretch == pytest.approx((1.0, 0.0, 0.0, 1.01))
+
+
+def test_defocus_of_a_mirror_needs_a_viewpoint_or_its_approximation(tmp_path: Path) -> None:
+    effect = ("[Catoptra.OmniCaptureCamera]", "Defocus=always")
+    with pytest.raises(ConfigError, match=r"Defocus.*without a single viewpoint"):
+        ball_camera(tmp_path, "Central=never", *effect)
+    omni = read_ball(tmp_path, "Central=always", *effect)
+    assert [one.effect.name for one in omni.effects.settings][-1] == "Defocus"

@@ -275,3 +275,37 @@ def test_init_lines_of_old_clients_spawn_in_every_bundled_world(file: Path) -> N
         client = spawn(fleet, "P2AT", x_m, y_m)
         assert not client.rejections
         assert client.reports
+
+
+def make_fleet_with_tripod() -> Fleet:
+    tripod = dataclasses.replace(read_robots(ROBOTS / "tripod.ini")[0][0], sensors=(GROUND_TRUTH,))
+    world = make_walled_world(0.05)
+    return Fleet((*CLASSES, tripod), world, build_scene(world), seed=1)
+
+
+def test_tripod_stands_where_it_is_put_and_stays_there() -> None:
+    fleet, client = make_fleet_with_tripod(), FakeClient()
+    # In the air, 5 cm from a wall that a base would touch.
+    fleet.execute(client, Init("Tripod", location_m=(0.0, 0.0, -0.3)), 0.0)
+    assert client.spawns == [("Tripod", None)]
+    fleet.execute(client, Drive(5.0, 5.0, flip=True), 0.0)
+    run(fleet, 1.0)
+    truth = last_report(client, GroundTruthReading)
+    assert isinstance(truth, GroundTruthReading)
+    assert truth.location_m == (0.0, 0.0, -0.3)
+
+
+def test_tripod_is_neither_met_nor_measured_by_robots() -> None:
+    fleet, camera = make_fleet_with_tripod(), FakeClient()
+    fleet.execute(camera, Init("Tripod", location_m=(-3.0, 0.0, 0.0)), 0.0)
+    robot = spawn(fleet, "P2AT", -3.5)
+    fleet.execute(robot, Drive(5.0, 5.0), 0.0)
+    run(fleet, 1.0)
+    assert true_x_m(robot) > -3.0
+    scan = last_report(robot, RangeScanReading)
+    assert isinstance(scan, RangeScanReading)
+    alone = make_fleet_with_tripod()
+    other = spawn(alone, "P2AT", -3.5)
+    alone.execute(other, Drive(5.0, 5.0), 0.0)
+    run(alone, 1.0)
+    assert scan == last_report(other, RangeScanReading)

@@ -134,9 +134,15 @@ def bundled_files(kind: FileKind) -> tuple[Path, ...]:
 
 
 def find_bundled_file(kind: FileKind, name: str) -> Path | None:
-    """Bundled file of a bare name; None for the text of a path, or where there is none."""
-    path = _BUNDLED_FOLDER / kind / f"{name}{_SUFFIXES[kind]}"
-    return path if len(Path(name).parts) == 1 and os.path.isfile(path) else None
+    """Bundled file of a bare name; None for the text of a path, or where there is none.
+
+    A robot is based on a camera, too, by that camera's name.
+    """
+    if len(Path(name).parts) != 1:
+        return None
+    kinds: tuple[FileKind, ...] = ("robots", "cameras") if kind == "robots" else (kind,)
+    paths = (_BUNDLED_FOLDER / one / f"{name}{_SUFFIXES[one]}" for one in kinds)
+    return next(filter(os.path.isfile, paths), None)
 
 
 def describe_missing_file(path: Path, kind: FileKind | None) -> str:

@@ -39,7 +39,7 @@ from catoptra_server.config.camera_sections import (
 )
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.known_names import is_own_section
-from catoptra_server.config.robot_cameras import is_lens_camera
+from catoptra_server.config.robot_cameras import is_lens_camera, read_plane
 from catoptra_server.config.section_reader import SectionReader, read_columns
 from catoptra_server.render.renderer import (
     MirrorSurface,
@@ -114,7 +114,7 @@ def read_mirror_camera(file: IniFile, section: SectionReader) -> OmniCameraDescr
         ),
         min_frame_interval_s=read_min_frame_interval_s(capture),
         capture_fov_rad=_capture_fov(camera),
-        effects=read_effect_settings(capture, has_viewpoint=mirror.is_central),
+        effects=read_effect_settings(capture, has_viewpoint=camera.is_central),
     )
     reserve_view(file, capture, description)
     return description
@@ -319,7 +319,7 @@ def _read_camera_model(
     _require_at_pinhole(mirror, item)
     width_px, height_px = read_size(capture, 360, 360)
     try:
-        return camera_with_inscribed_rim(
+        camera = camera_with_inscribed_rim(
             mirror,
             width_px=width_px,
             height_px=height_px,
@@ -327,8 +327,27 @@ def _read_camera_model(
             image_up_azimuth_rad=_image_up_azimuth(item),
             picture=read_picture(capture, Picture.MIRRORED),
         )
+        return _read_calibrated_plane(capture, camera)
     except DomainError as error:
         raise settings.make_error("RimAngle", expected=f"a possible value: {error}") from error
+
+
+def _read_calibrated_plane(capture: SectionReader, camera: OmniCamera) -> OmniCamera:
+    """The camera with the capture lens's focal length and centre of a calibration, where stated."""
+    centre_px = (
+        capture.get_float("CentreU", camera.centre_px[0]),
+        capture.get_float("CentreV", camera.centre_px[1]),
+    )
+    plain_px = 1.0 / camera.inverse_focal_length if camera.inverse_focal_length else 0.0
+    focal_px = capture.get_float("FocalLength", plain_px, min_value=1e-6)
+    if not plain_px:
+        return replace(camera, centre_px=centre_px)
+    return replace(
+        camera,
+        centre_px=centre_px,
+        scale_px=camera.scale_px * focal_px / plain_px,
+        plane=read_plane(capture, focal_px),
+    )
 
 
 def _require_at_pinhole(mirror: Mirror, item: SectionReader) -> None:

@@ -201,7 +201,7 @@ def _read_camera(section: SectionReader) -> OmniCamera:
             section.get_float("CentreU", 0.5 * width_px),
             section.get_float("CentreV", 0.5 * height_px),
         )
-        plane = _read_plane(section, focal_length_px)
+        plane = read_plane(section, focal_length_px)
         if not field_deg:
             corner_px = max(
                 hypot(u - centre_px[0], v - centre_px[1])
@@ -249,7 +249,7 @@ def _read_lens(section: SectionReader) -> RadialProjection:
         raise section.make_error(key, expected=f"a possible value: {error}") from error
 
 
-def _read_plane(section: SectionReader, focal_length_px: float) -> ImagePlane:
+def read_plane(section: SectionReader, focal_length_px: float) -> ImagePlane:
     """Stretch by a second focal length and a skew, or by OCamCalib's matrix; and decentring."""
     p1, p2 = section.get_float("P1", 0.0), section.get_float("P2", 0.0)
     if section.has_key("Stretch"):

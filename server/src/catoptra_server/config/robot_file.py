@@ -24,6 +24,8 @@ A hinge becomes a joint that turns about ParentAxis with the robot's MotorSpeed 
 Wheels (KCarWheelJoint) and parts of other classes are left out: the keys of the drive base are
 enough. Source: JointPart of KRobot.uc.
 
+[Catoptra.Tripod] is a camera without a robot: the same lists, no keys of a base.
+
 Boxes=, Meshes= and the other lists of shapes of a world file are the body that cameras show, in the
 chassis frame, in place of chassis and wheels; with colours, textures and the mesh files' own.
 Collisions and sensors keep the base's dimensions.
@@ -55,7 +57,7 @@ from catoptra_server.config.robot_cameras import (
 from catoptra_server.config.section_reader import SectionReader, Vector
 from catoptra_server.config.world_file import read_items
 from catoptra_server.runtime.memory import DEFAULT_LIMIT_BYTES
-from catoptra_server.simulation.drive import STANDARD_BASES
+from catoptra_server.simulation.drive import STANDARD_BASES, TRIPOD
 from catoptra_server.simulation.robot_description import (
     CHASSIS_PARENT,
     STANDARD_PACKAGES,
@@ -278,6 +280,7 @@ def _rpy_from_axis(part: SectionReader) -> Vector:
 
 # UT2004 has a list for sensors; UDK has one for items of all kinds.
 _ITEM_LISTS = ("Sensors", "AddParts")
+_TRIPOD = "catoptra.tripod"
 # A section with one of these describes a robot.
 _ROBOT_KEYS = (*_ITEM_LISTS, "Cameras", "CamTexActors", "MisPkgs", "JointParts", "batteryLife")
 # UT2004's file has 24 robots; the camera of each class is prepared at start.
@@ -352,6 +355,8 @@ def find_unserved_robots(file: IniFile) -> list[str]:
 
 def _find_known_base(section: SectionReader) -> DriveBase | None:
     package, _, model = section.name.rpartition(".")
+    if section.name.lower() == _TRIPOD:
+        return TRIPOD
     return STANDARD_BASES.get(model.lower()) if package.lower() == "usarbot" else None
 
 
@@ -446,6 +451,8 @@ def _require_unique_sensors(section: SectionReader) -> None:
 
 def _read_drive_base(section: SectionReader) -> DriveBase:
     """Drive base of a robot; keys of the section override USARSim's values for the class."""
+    if _find_known_base(section) is TRIPOD:
+        return TRIPOD
     section.get_choice("SteeringType", ["SkidSteered"], "SkidSteered")
     # With a SteeringType the section describes the whole base, and a missing key is an error: the
     # values of USARSim's class of that name would silently describe another robot.

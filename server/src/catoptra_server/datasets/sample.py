@@ -131,7 +131,7 @@ class SampleDescriber:
             camera.spec.effect_settings,
             random_source(recipe, "effects").generator(index),
             has_mirror=optics.has_mirror,
-            has_viewpoint=not optics.has_mirror or optics.mirror.is_central,
+            has_viewpoint=optics.is_central,
         )
         return SampleDescription(
             place=place,

@@ -65,7 +65,13 @@ class CollisionIndex:
         clearance_m: float = 0.0,
         robots: Iterable[Robot] = (),
     ) -> RobotBody:
-        """Base of a class at rest at a place among robots; errors as of `SceneGround.place`."""
+        """Base of a class at rest at a place among robots; errors as of `SceneGround.place`.
+
+        A tripod stands anywhere, at the height z_m itself.
+        """
+        if description.drive.is_tripod:
+            where = pose.at_height(-z_m)
+            return RobotBody(description.drive, pose, where, is_settled=True)
         return self._ground.place(
             description.drive,
             pose,
@@ -80,7 +86,7 @@ class CollisionIndex:
     ) -> list[OrientedBox]:
         """Boxes in reach of a place, seen from above."""
         own_m = hypot(*description.drive.collision_size_m[:2])
-        found = [self._find_box(robot) for robot in robots]
+        found = [self._find_box(robot) for robot in robots if robot.is_solid]
         return [
             box
             for box, (x, y, _), radius_m in found
@@ -103,7 +109,7 @@ class CollisionIndex:
         half_m = 0.5 * np.array(description.drive.collision_size_m[:2]) + clearance_m
         heading = np.array(((cos(yaw_rad), sin(yaw_rad)), (-sin(yaw_rad), cos(yaw_rad))))
         are_open = np.ones(len(places), dtype=bool)
-        for robot in robots:
+        for robot in filter(lambda one: one.is_solid, robots):
             box, (x, y, z), _ = self._find_box(robot)
             if abs(z - z_m) > _OTHER_FLOOR_M:
                 continue
@@ -124,9 +130,9 @@ class CollisionIndex:
 
     def mover_of(self, robot: Robot, robots: Iterable[Robot]) -> MoveBase:
         """What moves a robot in the next tick, among the robots in reach."""
-        if not robot.may_move:  # most robots, most of the time
+        if not (robot.may_move and robot.is_solid):  # most robots, most of the time
             return self._ground.move
-        robots = tuple(robots)
+        robots = tuple(one for one in robots if one.is_solid)
         if len(robots) < 2:
             return self._ground.move
         drive = robot.description.drive

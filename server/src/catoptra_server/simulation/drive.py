@@ -187,5 +187,7 @@ _P3AT = DriveBase(
     turn_slip=0.0,
     slip_noise=0.0,
 )
+# Of cameras without a robot. No wheel turns: the lengths keep odometry's divisions defined.
+TRIPOD = replace(_P2AT, ride_height_m=0.0, mass_kg=0.0, max_speed_rad_s=0.0, is_tripod=True)
 # By the name of the class without its package, in lower case.
 STANDARD_BASES = {"p2at": _P2AT, "omnip2at": _P2AT, "p2dx": _P2DX, "omnip2dx": _P2DX, "p3at": _P3AT}

@@ -96,7 +96,7 @@ class FleetEnvironment:
         )
 
     def _others(self, robot: Robot) -> list[Robot]:
-        return [other for other in self._robots if other is not robot]
+        return [one for one in self._robots if one is not robot and one.is_solid]
 
 
 # Width and height of the black image of a server whose robots have no omnidirectional camera.

@@ -280,6 +280,8 @@ class SceneGround:
             duration_s: Length of the tick.
             others: Other robots in reach.
         """
+        if body.base.is_tripod:
+            return body
         footing = body.footing if isinstance(body.footing, _Footing) else _adopt(body)
         if body.is_flipping:
             return self._flip(body, footing, others)

@@ -159,6 +159,11 @@ class Robot:
         return math.sqrt(max(0.0, 1.0 - down * down))
 
     @property
+    def is_solid(self) -> bool:
+        """Whether others meet, measure and see it: no tripod."""
+        return not self.description.drive.is_tripod
+
+    @property
     def may_move(self) -> bool:
         """Whether it may be elsewhere after the next tick."""
         return self.is_rolling or not self._body.is_settled

@@ -588,6 +588,8 @@ class RobotMeshes:
     def _find_objects(self, robot: CameraRobot) -> tuple[DynamicObject, ...]:
         description = self._classes[robot.class_name]
         meshes = self._outer(description)
+        if not meshes:
+            return ()
         angles = robot.joint_angles_rad if len(meshes) > 1 else _NO_ANGLES
         known, found = self._objects.get(robot, (None, ()))
         if (
@@ -611,8 +613,10 @@ class RobotMeshes:
 def build_outer_meshes(description: RobotDescription) -> Mapping[str, ObjectMesh]:
     """Meshes of a class as others see it, by the links that carry them.
 
-    The chassis is last, since labels describe the last object of a number.
+    The chassis is last, since labels describe the last object of a number. A tripod has none.
     """
+    if description.drive.is_tripod:
+        return {}
     if description.body == "plain" or description.items:
         return {CHASSIS_MOUNT: build_robot_mesh(_dimensions(description), _tower(description))}
     body = _body_parts(description, is_own=False)
@@ -625,7 +629,7 @@ def build_outer_meshes(description: RobotDescription) -> Mapping[str, ObjectMesh
 def build_ego_mesh(description: RobotDescription) -> ObjectMesh | None:
     """Mesh of a class as its own mirror shows the body; None unless the effect is configured."""
     omni = description.mirror_camera
-    if omni is None:
+    if omni is None or description.drive.is_tripod:
         return None
     is_configured = any(setting.effect.name == "SelfView" for setting in omni.effects.settings)
     # Only where configured: a mesh that no effect shows is never built.

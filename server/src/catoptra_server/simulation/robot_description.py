@@ -215,6 +215,8 @@ class DriveBase:
     max_climb_rad: float = math.radians(35.0)
     """Steepest plane that the base climbs: rubber on wood or concrete holds with 0.7."""
     tilt_limit_rad: float | None = None
+    is_tripod: bool = False
+    """Whether it is no base at all: it stays where it was put, touches nothing and is not seen."""
 
     @property
     def wheel_places_m(self) -> tuple[tuple[float, float], ...]:
