@@ -342,18 +342,15 @@ def test_image_circle_of_a_file_ends_the_camera(
     assert read_calibration(path)[1].rim_radius_px == pytest.approx(radius_px)
 
 
-PLAIN = "Camera1.fx: 200\nCamera1.fy: 200\nCamera1.cx: 256\nCamera1.cy: 256\n"
-
-
 def test_pinholes_without_distortion_are_read_and_a_third_term_is_named(tmp_path: Path) -> None:
     path = tmp_path / "calibration"
     chain = f"cam0:\n{CHAIN}".replace(f"[{D}]", "[]").replace("equidistant", "none")
-    settings = f"%YAML:1.0\nCamera.type: Rectified\n{PLAIN}"
+    settings = "%YAML:1.0\nCamera.type: Rectified\nCamera1: {fx: 9, fy: 9, cx: 256, cy: 256}\n"
     for name, text in (("kalibr_radtan", chain), ("orb_slam3_pinhole", settings)):
         path.write_text(text)
         found, camera = read_calibration(path, size_px=(512, 512))
         assert (found, camera.projection) == (name, UnifiedLens(0.0))
-    path.write_text(settings.replace("Rectified", "PinHole") + "Camera1.k3: 1.16\n")
+    path.write_text(settings.replace("fx", "k3: 1.16, fx"))
     with pytest.raises(ConfigError, match=r"k3='1.16': expected 0: .* format orb_slam3_pinhole"):
         read_calibration(path, size_px=(512, 512))
 
