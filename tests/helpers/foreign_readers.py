@@ -458,7 +458,7 @@ def _gyroflow(path: Path, _: str) -> Project:
     assert _check(v["calibrator_version"], str)
     assert v.get("distortion_model") in (None, "opencv_fisheye")
     for dimension in (v["calib_dimension"], v["orig_dimension"]):
-        assert _check(dimension["w"], int) > 0 and _check(dimension["h"], int) > 0
+        assert min(_four(dimension, "w h", int)) > 0
     params = v["fisheye_params"]
     k = np.array([_check(row, float, 3) for row in params["camera_matrix"]])
     assert k.shape == (3, 3) and _check(params["RMS_error"], float) >= 0.0
