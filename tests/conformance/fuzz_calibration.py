@@ -190,8 +190,8 @@ def _mask_target(folder: Path, camera: OmniCamera) -> FuzzTarget:
     """Pictures as the mask of a camera of SVO."""
     shown = np.hypot(*(np.indices((64, 64)) - 31.5)) < 25.0
     seed = cv2.imencode(".png", shown.astype(np.uint8))[1].tobytes()
-    file = folder / "masked.yaml"
-    text = find_format("svo_omni").write(fit_ocam(camera, degree=4), "cam0")
+    file, model = folder / "masked.yaml", fit_ocam(camera, degree=4)
+    text = find_format("svo_omni").write(model, "cam0")
     file.write_text(re.sub("( *)line-delay", r"\1mask: masked.png\n\1line-delay", text))
 
     def feed(data: bytes) -> bool:

@@ -189,14 +189,11 @@ def _boofcv(path: Path, name: str) -> Project:
     k, d = v["pinhole"], v["radial_tangential"]
     assert type(k["width"]) is int and type(k["height"]) is int
     numbers, skew = _four(k), _check(k["skew"], float)
-    radial = _check(d["radial"], float, len(d["radial"]))
-    assert not any(radial[2:])
-    distortion = (*radial[:2], _check(d["t1"], float), _check(d["t2"], float))
-    if name == "boofcv_pinhole":
-        assert v["model"] == "pinhole_radial_tangential"
-        return mei(numbers, 0.0, distortion, skew)
-    assert v["model"] == "omnidirectional_universal"
-    return mei(numbers, _check(v["mirror_offset"], float), distortion, skew)
+    k1, k2, k3 = _check(d["radial"], float, 3)
+    kinds = {"boofcv": "omnidirectional_universal", "boofcv_pinhole": "pinhole_radial_tangential"}
+    assert v["model"] == kinds[name] and k3 == 0.0
+    xi = _check(v["mirror_offset"], float) if name == "boofcv" else 0.0
+    return mei(numbers, xi, (k1, k2, *_four(d, "t1 t2")), skew)
 
 
 def _kalibr(path: Path, _: str) -> Project:
@@ -293,10 +290,8 @@ def _nerfstudio(path: Path, name: str) -> Project:
     assert meta["frames"] == []
     kind = {"OPENCV_FISHEYE": "fisheye", "OPENCV": "perspective"}[meta["camera_model"]]
     fx, fy, cx, cy = (float(meta[key]) for key in ("fl_x", "fl_y", "cx", "cy"))
-    assert int(meta["h"]) > 0 and int(meta["w"]) > 0
-    assert "fisheye_crop_radius" not in meta
-    terms = {key: float(meta.get(key, 0.0)) for key in ("k1", "k2", "k3", "k4", "p1", "p2")}
-    k1, k2, k3, k4, p1, p2 = terms.values()
+    assert int(meta["h"]) > 0 and int(meta["w"]) > 0 and "fisheye_crop_radius" not in meta
+    k1, k2, k3, k4, p1, p2 = (float(meta.get(key, 0.0)) for key in "k1 k2 k3 k4 p1 p2".split())
     numbers = (fx, fy, cx - 0.5, cy - 0.5)  # `get_image_coords` adds 0.5 to whole pixels
     if kind == "fisheye":
         return kannala_brandt(numbers, (k1, k2, k3, k4))
@@ -426,13 +421,11 @@ def _maplab(path: Path, name: str) -> Project:
 def _vikit(path: Path, name: str) -> Project:
     v = _yaml(path)["cam0"]
     assert type(v["cam_width"]) is int and type(v["cam_height"]) is int
-    numbers = _four(v, "cam_fx cam_fy cam_cx cam_cy")
-    terms = _four(v, "cam_d0 cam_d1 cam_d2 cam_d3")
-    kinds = {"vikit": ("PinholeEquidistant", kannala_brandt),
-             "vikit_radtan": ("PinholeRadialTangential", _pinhole)}  # fmt: skip
-    kind, make = kinds[name]
-    assert v["cam_model"] == kind
-    return make(numbers, terms)
+    kinds = {"vikit": "PinholeEquidistant", "vikit_radtan": "PinholeRadialTangential"}
+    assert v["cam_model"] == kinds[name]
+    return (kannala_brandt if name == "vikit" else _pinhole)(
+        _four(v, "cam_fx cam_fy cam_cx cam_cy"), _four(v, "cam_d0 cam_d1 cam_d2 cam_d3")
+    )
 
 
 def _multicol(path: Path, _: str) -> Project:
@@ -462,13 +455,14 @@ def _py_omnicalib(path: Path, _: str) -> Project:
 def _gyroflow(path: Path, _: str) -> Project:
     # `load_from_data` and `get_camera_matrix_internal`; serde takes no other types.
     v = json.loads(path.read_text())
-    assert _check(v["calibrator_version"], str) and _check(v["distortion_model"], str)
+    assert _check(v["calibrator_version"], str)
+    assert v.get("distortion_model") in (None, "opencv_fisheye")
     for dimension in (v["calib_dimension"], v["orig_dimension"]):
-        assert _check(dimension["w"], int) > 0 and _check(dimension["h"], int) > 0
+        assert min(_four(dimension, "w h", int)) > 0
     params = v["fisheye_params"]
     k = np.array([_check(row, float, 3) for row in params["camera_matrix"]])
     assert k.shape == (3, 3) and _check(params["RMS_error"], float) >= 0.0
-    assert "radial_distortion_limit" not in params and v["distortion_model"] == "opencv_fisheye"
+    assert params.get("radial_distortion_limit") is None
     if not _check(v.get("asymmetrical", False), bool):
         k[:2, 2] = 0.5 * v["calib_dimension"]["w"], 0.5 * v["calib_dimension"]["h"]
     return kannala_brandt(_of_k(k), _check(params["distortion_coeffs"], float, 4))

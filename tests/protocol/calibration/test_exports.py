@@ -37,6 +37,14 @@ def export(
     return export_camera(camera, one, name="cam", picture=picture, **limit)
 
 
+def test_camera_is_compared_with_each_model_once() -> None:
+    compute_residual.cache_clear()
+    for one in FORMATS:
+        export(THETA_BACK, one)
+    # Of nine models, some without skew or p1 and p2, and five degrees of OCam's polynomial.
+    assert compute_residual.cache_info().misses == 18
+
+
 def read_again(file: ExportedFile, folder: Path, picture: Picture | None = None) -> OmniCamera:
     path = folder / file.export.file_name
     path.write_text(file.text)

@@ -287,39 +287,31 @@ def test_no_pixel_that_a_mask_hides_is_valid(centre: tuple[float, float], tmp_pa
     shown = write_mask(tmp_path, centre, (754, 480))
     path = tmp_path / "calibration"
     path.write_text(MASKED)
-    camera = read_calibration(path)[1]
-    path.write_text(MASKED.replace("mask:", "unknown:"))
-    whole = read_calibration(path)[1]
     pixels = np.stack(np.indices((480, 754))[::-1], axis=-1) + 0.5
-    _, valid = camera.direction_from_pixel(pixels)
+    _, valid = read_calibration(path)[1].direction_from_pixel(pixels)
     assert not valid[~shown].any()
-    assert whole.direction_from_pixel(pixels)[1][~shown].any()
     # What is left out lies between the circle and one about the axis within it.
     assert np.count_nonzero(shown & ~valid) / np.count_nonzero(shown) < 0.1
 
 
 def test_mask_of_another_shape_size_or_kind_is_one_line(tmp_path: Path) -> None:
-    path = tmp_path / "calibration"
-    path.write_text(MASKED)
+    path, mask = tmp_path / "calibration", tmp_path / "mask.png"
 
-    def read() -> str:
-        with pytest.raises(ConfigError) as raised:
+    def expect(message: str, text: str = MASKED) -> None:
+        path.write_text(text)
+        with pytest.raises(ConfigError, match=rf"\A[^\n]*{message}[^\n]*\Z"):
             read_calibration(path)
-        assert "\n" not in str(raised.value)
-        return str(raised.value)
 
-    assert "mask='mask.png': expected a picture beside the file" in read()
+    expect("mask='mask.png': expected a picture beside the file")
     write_mask(tmp_path, (300.0, 200.0), (754, 480))
-    assert "an image circle about the optical axis: " in read()
+    expect("an image circle about the optical axis: ")
     write_mask(tmp_path, (392.2, 243.5), (640, 480))
-    assert "mask='640 x 480 px': expected a PNG of 754 x 480 px" in read()
-    mask = tmp_path / "mask.png"
+    expect("mask='640 x 480 px': expected a PNG of 754 x 480 px")
     mask.write_bytes(mask.read_bytes()[:16] + struct.pack(">II", 2**30, 2**30))
-    assert "mask='1073741824 x 1073741824 px'" in read()
+    expect("mask='1073741824 x 1073741824 px'")
     mask.write_bytes(b"JFIF")
-    assert "mask='no PNG'" in read()
-    path.write_text(MASKED.replace("mask.png", "/dev/zero"))
-    assert "mask='/dev/zero'" in read()
+    expect("mask='no PNG'")
+    expect("mask='/dev/zero'", MASKED.replace("mask.png", "/dev/zero"))
 
 
 @pytest.mark.parametrize(
@@ -334,26 +326,21 @@ def test_mask_of_another_shape_size_or_kind_is_one_line(tmp_path: Path) -> None:
     ],
     ids=["multicol", "nerfstudio", "svo"],
 )  # fmt: skip
-def test_image_circle_of_a_file_ends_the_camera(
-    text: str, radius_px: float, tmp_path: Path
-) -> None:
+def test_circle_of_a_file_ends_the_camera(text: str, radius_px: float, tmp_path: Path) -> None:
     path = tmp_path / "calibration"
     path.write_text(text)
     assert read_calibration(path)[1].rim_radius_px == pytest.approx(radius_px)
 
 
-PLAIN = "Camera1.fx: 200\nCamera1.fy: 200\nCamera1.cx: 256\nCamera1.cy: 256\n"
-
-
 def test_pinholes_without_distortion_are_read_and_a_third_term_is_named(tmp_path: Path) -> None:
     path = tmp_path / "calibration"
     chain = f"cam0:\n{CHAIN}".replace(f"[{D}]", "[]").replace("equidistant", "none")
-    settings = f"%YAML:1.0\nCamera.type: Rectified\n{PLAIN}"
+    settings = "%YAML:1.0\nCamera.type: Rectified\nCamera1: {fx: 9, fy: 9, cx: 256, cy: 256}\n"
     for name, text in (("kalibr_radtan", chain), ("orb_slam3_pinhole", settings)):
         path.write_text(text)
         found, camera = read_calibration(path, size_px=(512, 512))
         assert (found, camera.projection) == (name, UnifiedLens(0.0))
-    path.write_text(settings.replace("Rectified", "PinHole") + "Camera1.k3: 1.16\n")
+    path.write_text(settings.replace("fx", "k3: 1.16, fx"))
     with pytest.raises(ConfigError, match=r"k3='1.16': expected 0: .* format orb_slam3_pinhole"):
         read_calibration(path, size_px=(512, 512))
 

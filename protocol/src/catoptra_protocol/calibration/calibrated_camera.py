@@ -237,18 +237,15 @@ def _invert(camera: OmniCamera, stretch: float, names: Set[str]) -> Numbers:
     """
     theta = np.linspace(0.0, camera.rim_rad, 2001)
     radius = stretch * camera.radius_px_from_t(np.tan(0.5 * theta))
-    lengths = [
-        next((n for n in count() if f"{each}{n}" not in names), 0) or INVERSE_TERMS
-        for each in ("inv", "fwd")
-    ]
     inverses: Numbers = {}
-    for name, length, angle in (
-        ("inv", lengths[0], theta - 0.5 * math.pi),
-        ("fwd", lengths[1], 0.5 * math.pi - theta),
-        ("of_theta", INVERSE_TERMS, theta),
+    for name, angle in (
+        ("inv", theta - 0.5 * math.pi),
+        ("fwd", 0.5 * math.pi - theta),
+        ("of_theta", theta),
     ):
         if not any(each.startswith(name) for each in names):
             continue
+        length = next(n for n in count() if f"{name}{n}" not in names) or INVERSE_TERMS
         fit = np.polynomial.Polynomial.fit(angle, radius, length - 1)
         terms = tuple(fit.convert().coef.tolist())
         off_px = float(np.abs(np.polynomial.polynomial.polyval(angle, terms) - radius).max())

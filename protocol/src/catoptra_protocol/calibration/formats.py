@@ -207,7 +207,7 @@ def _ros(
             "rectification_matrix": {"rows": 3, "cols": 3, "data": _EYE_3},
             "projection_matrix": "!3x4[fx 0 cx 0 0 fy cy 0 0 0 1 0]",
         },
-        FRONT, "parse_yml.cpp",
+        FRONT, "ros-perception/image_common: camera_calibration_parsers/src/parse_yml.cpp",
     )  # fmt: skip
 
 
@@ -352,8 +352,8 @@ def _maplab(
                 "T_B_C": _EYE_MATRIX,
             }],
         },
-        domain, "uzh-rpg/rpg_svo_pro_open: vikit/vikit_cameras/src/"
-        "camera_yaml_serialization.cpp, ncamera.cpp",
+        domain, "ethz-asl/aslam_cv2: aslam_cv_cameras/src/camera.cc, ncamera.cc; "
+        "uzh-rpg/rpg_svo_pro_open: vikit/vikit_cameras/src/camera_yaml_serialization.cpp",
     )  # fmt: skip
 
 
