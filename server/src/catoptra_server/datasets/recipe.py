@@ -31,6 +31,18 @@ from catoptra_server.effects import (
 )
 from catoptra_server.simulation.robot_description import PlanarPose
 
+FORMATS = {
+    "coco": True,
+    "coco_folder": True,
+    "yolo": True,
+    "yolo_polygons": True,
+    "kitti": True,
+    "asl": False,
+    "tum": False,
+    "parquet": False,
+}
+"""Files that a recipe may have beside the shards, and whether they need annotations."""
+COMPRESSIONS = ("none", "zstd")
 _EXAMPLE = "(Min=0,Max=1)"
 _EFFECTS_SECTION = "Catoptra.Effects"
 
@@ -57,6 +69,8 @@ class Recipe:
     """Names of channels of ground truth beside the picture."""
     formats: tuple[str, ...]
     """Files beside the shards: of FORMATS."""
+    compression: str
+    """Of NumPy's files: of COMPRESSIONS."""
     renderer: str
 
     @property

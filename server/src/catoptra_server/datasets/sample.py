@@ -25,8 +25,9 @@ from catoptra_protocol.labels import GroundTruth, LabelledObject
 from catoptra_protocol.labels.annotations import annotate_objects
 from catoptra_protocol.labels.spherical_box import PixelSphere
 from catoptra_protocol.optics.elementary import hypot
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.shards import CHANNEL_FILES, METADATA, PICTURE
+from catoptra_protocol.shards import CHANNEL_FILES, METADATA, PICTURE, compress_arrays
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.datasets.dataset_stage import DatasetStage, RecipeCamera, RecipeWorld
 from catoptra_server.datasets.png_files import encode_png
@@ -40,7 +41,7 @@ from catoptra_server.datasets.poses import (
     random_source,
     seed_noise,
 )
-from catoptra_server.datasets.recipe import Recipe, draw_effects
+from catoptra_server.datasets.recipe import FORMATS, Recipe, draw_effects
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.image_port import mounted_camera_state
 from catoptra_server.frames.labels import LabelledImage
@@ -78,6 +79,8 @@ class SampleDescription:
     """Factor of all lights."""
     group_brightness: Mapping[str, float]
     """Factors of groups of lights by name, beside that of all."""
+    imu: Floats | None
+    """As of `poses.py:measure_motion`, from this sample to the next; None without."""
 
 
 class SampleDescriber:
@@ -116,6 +119,7 @@ class SampleDescriber:
             motion=motion.now,
             brightness=draw_brightness(recipe, index),
             group_brightness=draw_group_brightness(recipe, index),
+            imu=motion.imu,
         )
 
     def _camera_state(
@@ -208,8 +212,8 @@ class SampleAnnotator:
 
 
 def wants_annotations(recipe: Recipe) -> bool:
-    """Whether a recipe's samples have annotations: with the channel ids, or for a COCO file."""
-    return "ids" in recipe.channels or "coco" in recipe.formats
+    """Whether a recipe's samples have annotations: with the channel ids, or for a format."""
+    return "ids" in recipe.channels or any(FORMATS[name] for name in recipe.formats)
 
 
 def describe_sample_metadata(
@@ -241,6 +245,7 @@ def describe_sample_metadata(
         "world_from_robot": _describe_pose(description.motion.world_from_robot),
         "linear_m_s": [float(one) for one in twist.linear_m_s],
         "angular_rad_s": [float(one) for one in twist.angular_rad_s],
+        **({} if description.imu is None else {"imu": description.imu.tolist()}),
         "brightness": description.brightness,
         **({"groups": {**groups}} if (groups := description.group_brightness) else {}),
         "noise_seed": [*state.noise_seed.camera_key, state.noise_seed.tick],
@@ -298,12 +303,17 @@ def _finite(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
 
 
-def encode_sample(sample: RenderedSample) -> dict[str, bytes]:
-    """Content of a sample's files by suffix, sorted: the same bytes for the same sample."""
+def encode_sample(sample: RenderedSample, compression: str = "none") -> dict[str, bytes]:
+    """Content of a sample's files by suffix, sorted: the same bytes for the same sample.
+
+    Args:
+        sample: The sample.
+        compression: Of COMPRESSIONS.
+    """
     files = {PICTURE: encode_png(sample.rgb), METADATA: _encode_json(sample.metadata)}
     for name, array in sample.channels.items():
         files[CHANNEL_FILES[name]] = _encode_channel(name, array)
-    return dict(sorted(files.items()))
+    return dict(sorted((files if compression == "none" else compress_arrays(files)).items()))
 
 
 def _encode_channel(name: str, array: npt.NDArray[Any]) -> bytes:
