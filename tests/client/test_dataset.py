@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from catoptra_client.dataset import open_dataset
+from catoptra_client.dataset import decode_file, open_dataset
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.labels import LABEL_CHANNELS
 from catoptra_protocol.optics.camera_rays import rays_from_pixel_grid
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.shards import (
+    StoredSample,
+    compress_arrays,
+    iterate_samples,
+    load_zstandard,
+)
+from catoptra_server.datasets.dataset_folder import verify_dataset
+from catoptra_server.datasets.png_files import encode_png
 from catoptra_server.datasets.sample import SampleDescriber
 from catoptra_server.datasets.sample_renderer import SampleRenderer
+from catoptra_server.datasets.shards import write_shard
 from helpers.dataset_recipes import stage_recipe, write_drive
 from helpers.drawn_datasets import draw_dataset
 
@@ -114,3 +124,70 @@ def test_webdataset_reads_the_shards(folder: Path) -> None:
     expected = [*open_dataset(folder)]
     assert [sample["__key__"] for sample in found] == [sample.key for sample in expected]
     assert {"rgb.png", "range.npy", "ids.png", "normal.npy", "flow.npy", "json"} <= set(found[0])
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_webdataset_decodes_large_numbers_by_the_decoder_of_here(
+    folder: Path, tmp_path: Path
+) -> None:
+    webdataset = pytest.importorskip("webdataset", reason="needs the package webdataset")
+    _, stored = compress_sample(folder, "000003")
+    stored |= {"ids.png": encode_png(np.full((4, 5), 40_000, np.uint16))}
+    write_shard(tmp_path, 0, [("000003", stored)])
+    urls = [str(tmp_path / "shards/000000.tar")]
+    (sample,) = webdataset.WebDataset(urls, shardshuffle=False).decode(decode_file)
+    assert sample["ids.png"].max() == 40_000
+    expected = next(one for one in open_dataset(folder) if one.key == "000003")
+    np.testing.assert_array_equal(sample["rgb.png"], expected.rgb)
+    np.testing.assert_array_equal(sample["range.npy.zst"], expected.channels["range"])
+    assert sample["json"]["key"] == "000003"
+
+
+def compress_sample(folder: Path, key: str) -> tuple[StoredSample, dict[str, bytes]]:
+    """A sample of a data set, and its files compressed."""
+    shards = (iterate_samples(path) for path in open_dataset(folder).shards)
+    stored = next(one for shard in shards for one in shard if one.key == key)
+    return stored, compress_arrays(stored.files)
+
+
+def test_compressed_arrays_are_the_same_in_half_the_room(folder: Path, tmp_path: Path) -> None:
+    pytest.importorskip("zstandard", reason="needs the extra [zstd]")
+    recipe = write_drive(tmp_path, lines=("Channels=all", "Compression=zstd"))
+    compressed = draw_dataset(recipe, tmp_path / "out")
+    list(verify_dataset(compressed))
+    for plain, small in zip(open_dataset(folder), open_dataset(compressed), strict=True):
+        assert plain.metadata == small.metadata
+        for name, channel in plain.channels.items():
+            np.testing.assert_array_equal(small.channels[name], channel)
+    sizes = [
+        sum(path.stat().st_size for path in open_dataset(one).shards)
+        for one in (folder, compressed)
+    ]
+    assert sizes[1] < 0.6 * sizes[0]
+
+
+def test_damaged_and_oversized_arrays_are_errors(folder: Path) -> None:
+    zstandard = pytest.importorskip("zstandard", reason="needs the extra [zstd]")
+    _, files = compress_sample(folder, "000000")
+    with pytest.raises(CatoptraError, match=r"range\.npy\.zst is damaged"):
+        decode_file("range.npy.zst", files["range.npy.zst"][:-9])
+    # A header alone, which states four terabytes.
+    header = b"\x28\xb5\x2f\xfd\xe0" + (2**42).to_bytes(8, "little") + b"\x01\x00\x00"
+    assert zstandard.frame_content_size(header) == 2**42
+    with pytest.raises(CatoptraError, match="states a size"):
+        decode_file("range.npy.zst", header)
+
+
+def test_missing_package_is_an_error_that_names_the_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "zstandard", None)
+    load_zstandard.cache_clear()
+    with pytest.raises(CatoptraError, match=r"catoptra-client\[zstd\]"):
+        decode_file(".range.npy.zst", b"")
+    recipe = write_drive(tmp_path, lines=("Compression=zstd",))
+    with pytest.raises(CatoptraError, match=r"catoptra-server\[zstd\]"):
+        draw_dataset(recipe, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    load_zstandard.cache_clear()

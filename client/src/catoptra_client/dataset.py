@@ -33,6 +33,7 @@ from catoptra_protocol.shards import (
     PICTURE,
     UNFINISHED_NAME,
     StoredSample,
+    decompress_file,
     hash_file,
     iterate_samples,
 )
@@ -172,6 +173,26 @@ def open_dataset(path: str | Path, *, verify: bool = False) -> Dataset:
     if verify:
         dataset.verify()
     return dataset
+
+
+def decode_file(suffix: str, content: bytes) -> npt.NDArray[Any] | None:
+    """Array of one file of a sample, of the picture or a channel, compressed or not; None for
+    others. A decoder for webdataset, whose own ones clip the 16 bits of ids and classes to 255:
+
+        webdataset.WebDataset("out/mine/shards/{000000..000007}.tar").decode(decode_file)
+
+    Args:
+        suffix: Suffix of the file, with or without a point before: ids.png, range.npy.zst.
+        content: The file.
+
+    Raises:
+        CatoptraError: zstandard is missing, or the file is damaged.
+    """
+    plain, content = decompress_file(suffix.removeprefix("."), content)
+    if plain == PICTURE:
+        return _decode_picture(content)
+    channel = next((name for name, file in CHANNEL_FILES.items() if file == plain), None)
+    return None if channel is None else _decode_channel(channel, content)
 
 
 def _decode_sample(path: Path, stored: StoredSample, channels: Sequence[str]) -> DatasetSample:

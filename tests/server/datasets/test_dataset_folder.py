@@ -22,7 +22,6 @@ from catoptra_server.datasets.dataset_folder import (
     find_finished_shards,
     finish_folder,
     open_folder,
-    require_pyarrow,
     require_space,
     verify_dataset,
     write_summaries,
@@ -31,6 +30,7 @@ from catoptra_server.datasets.dataset_stage import DatasetStage
 from catoptra_server.datasets.png_files import encode_png
 from catoptra_server.datasets.recipe_file import read_recipe
 from catoptra_server.datasets.shards import ShardArtist, write_shard
+from catoptra_server.datasets.writers import require_pyarrow
 from helpers.dataset_recipes import stage_recipe, write_drive, write_recipe
 from helpers.drawn_datasets import write_dataset
 
@@ -105,7 +105,9 @@ def test_disk_without_room_is_refused_before_anything_is_drawn(
     free = 1000 * 32 * 64 * 64
     monkeypatch.setattr(dataset_folder.shutil, "disk_usage", lambda path: usage(0, 0, free))
     require_space(tmp_path, stage, 1000)
-    with pytest.raises(CatoptraError, match=r"1067 samples take at least 0.1 GB"):
+    with pytest.raises(
+        CatoptraError, match=r"has 131 MB of free space, and 1067 samples take at least 132 MB"
+    ):
         require_space(tmp_path, stage, 1067)
 
 

@@ -2,17 +2,16 @@
 
 While shards are drawn, `unfinished.json` says what the folder is going to hold. The manifest
 `dataset.json` replaces that file at the very end, so a folder with a manifest is whole. Beside the
-shards are calibrations, trajectories, COCO annotations and, where pyarrow is installed, a Parquet
-index. All are made from the metadata in the shards, and so agree with the shards.
+shards are calibrations, and the files of `writers`.
 """
 
 from __future__ import annotations
 
 import io
 import json
+import math
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import groupby
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,6 @@ from catoptra_protocol.calibration.calibration_folder import write_calibration
 from catoptra_protocol.camera_conf import pairs_from_omni_camera
 from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.labels import LABEL_CHANNELS
-from catoptra_protocol.labels.masks import CocoImage, coco_from_images
 from catoptra_protocol.shards import (
     CHANNEL_FILES,
     FORMAT_VERSION,
@@ -45,18 +43,9 @@ from catoptra_server.datasets.shards import (
     remove_parts,
     write_whole,
 )
+from catoptra_server.datasets.writers import open_writers
 
-_INDEX_NAME = "index.parquet"
 _CALIBRATION_FOLDER = "calibration"
-_COCO_NAME = "annotations.json"
-_TRAJECTORY_FOLDER = "trajectories"
-_REMEDY = "pip install 'catoptra-server[parquet]', or leave parquet out of the recipe's Formats"
-_COLUMNS = ("key", "index", "sequence", "step", "time_s", "world", "camera", "robot", "brightness")
-# Members of an annotation that a COCO file has.
-_COCO_MEMBERS = (
-    *("id", "name", "class", "area_px", "box_px", "mask"),
-    *("spherical_box", "occluded_fraction"),
-)
 # The least that PNG files and metadata take, of their raw size: pictures of flat colours.
 _MIN_PNG_FRACTION = 0.02
 
@@ -154,20 +143,29 @@ def require_space(folder: Path, stage: DatasetStage, num_samples: int) -> None:
     free = shutil.disk_usage(folder).free
     if free < needed:
         raise CatoptraError(
-            f"{folder} has {free / 1e9:.1f} GB of free space, and {num_samples} samples take at "
-            f"least {needed / 1e9:.1f} GB: free space, name another folder or lower Samples"
+            f"{folder} has {_describe_size(free)} of free space, and {num_samples} samples take at "
+            f"least {_describe_size(needed)}: free space, name another folder or lower Samples"
         )
+
+
+def _describe_size(num_bytes: int) -> str:
+    """Size to three digits: 712 bytes, 4.12 MB."""
+    for unit, size in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if num_bytes >= size:
+            return f"{num_bytes / size:.{2 - min(2, int(math.log10(num_bytes / size)))}f} {unit}"
+    return f"{num_bytes} bytes"
 
 
 def _min_sample_bytes(stage: DatasetStage, camera: int) -> int:
     """Least size of a sample's files: channels that are not compressed, and very flat pictures."""
     optics = stage.cameras[camera].spec.camera
+    float_fraction = 1.0 if stage.recipe.compression == "none" else _MIN_PNG_FRACTION
     pixel_bytes = 3.0 * _MIN_PNG_FRACTION
     for name in stage.recipe.channels:
         channel = LABEL_CHANNELS[name]
         size = np.dtype(channel.dtype).itemsize * channel.depth
         # Normals are stored as float16, integers as PNG.
-        size_fraction = {"f": 1.0, "u": _MIN_PNG_FRACTION}[np.dtype(channel.dtype).kind]
+        size_fraction = {"f": float_fraction, "u": _MIN_PNG_FRACTION}[np.dtype(channel.dtype).kind]
         pixel_bytes += size * size_fraction * (0.5 if name == "normal" else 1.0)
     return int(pixel_bytes * optics.width_px * optics.height_px)
 
@@ -305,79 +303,27 @@ def write_summaries(folder: Path, stage: DatasetStage) -> None:
             )
         except OSError as error:
             raise CatoptraError(f"{calibration} cannot be written: {error.strerror}") from error
-    if "coco" in recipe.formats:
-        content = coco_from_images([_coco_image(one) for one in _iterate_metadata(folder, recipe)])
-        write_whole(folder / _COCO_NAME, [json.dumps(content, sort_keys=True).encode()])
-    if "tum" in recipe.formats:
-        _write_trajectories(folder, recipe)
-    if "parquet" in recipe.formats:
-        _write_parquet_index(folder, _iterate_metadata(folder, recipe))
+    writers, suffixes = open_writers(folder, stage)
+    if writers:
+        for metadata, picture in _walk_samples(folder, recipe, suffixes):
+            for writer in writers:
+                writer.add(metadata, picture)
+    for writer in writers:
+        writer.finish()
 
 
-def _iterate_metadata(folder: Path, recipe: Recipe) -> Iterator[dict[str, Any]]:
-    """Yield the metadata of all samples, in order.
+def _walk_samples(
+    folder: Path, recipe: Recipe, suffixes: frozenset[str]
+) -> Iterator[tuple[dict[str, Any], bytes]]:
+    """Yield metadata and picture of all samples, in order; no picture without its suffix.
 
     Raises:
         CatoptraError: A shard is missing or damaged.
     """
     for number in range(recipe.num_shards):
         path = folder / shard_name(number)
-        for sample in iterate_samples(path, frozenset({METADATA})):
+        for sample in iterate_samples(path, suffixes):
             try:
-                yield json.loads(sample.files[METADATA])
+                yield json.loads(sample.files[METADATA]), sample.files.get(PICTURE, b"")
             except (KeyError, ValueError) as error:
                 raise CatoptraError(f"{path}: sample {sample.key} has no metadata") from error
-
-
-def _coco_image(metadata: Mapping[str, Any]) -> CocoImage:
-    width_px, height_px = metadata["size_px"]
-    # All images are in memory at once: without outlines and corners, four fifths of a record.
-    objects = [{name: one[name] for name in _COCO_MEMBERS} for one in metadata["objects"]]
-    return CocoImage(f"{metadata['key']}.{PICTURE}", width_px, height_px, objects)
-
-
-def _write_trajectories(folder: Path, recipe: Recipe) -> None:
-    """Write the camera's poses of each sequence as TUM's text: t x y z qx qy qz qw a line."""
-    samples = _iterate_metadata(folder, recipe)
-    for sequence, own in groupby(samples, lambda metadata: metadata["sequence"]):
-        path = folder / _TRAJECTORY_FOLDER / f"{sequence:06d}.txt"
-        write_whole(path, [_trajectory_line(metadata).encode() for metadata in own])
-
-
-def _trajectory_line(metadata: Mapping[str, Any]) -> str:
-    pose = metadata["world_from_camera"]
-    numbers = (metadata["time_s"], *pose["position_m"], *pose["quaternion_xyzw"])
-    return " ".join(f"{number:.9g}" for number in numbers) + "\n"
-
-
-def require_pyarrow() -> None:
-    """Raise CatoptraError where pyarrow is missing: before anything is drawn."""
-    try:
-        import pyarrow.parquet  # noqa: F401 - is there such a package?
-    except ImportError as error:
-        raise CatoptraError(f"a Parquet index needs pyarrow: {_REMEDY}") from error
-
-
-def _write_parquet_index(folder: Path, metadata: Iterable[Mapping[str, Any]]) -> None:
-    """Write the index of a data set.
-
-    Args:
-        folder: Folder of the data set.
-        metadata: Of all samples, in order.
-    """
-    require_pyarrow()
-    import pyarrow
-    import pyarrow.parquet
-
-    rows = [_row(one) for one in metadata]
-    file = io.BytesIO()
-    pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows), file)
-    write_whole(folder / _INDEX_NAME, [file.getvalue()])
-
-
-def _row(metadata: Mapping[str, Any]) -> dict[str, Any]:
-    row = {name: metadata[name] for name in _COLUMNS}
-    pose = metadata["world_from_camera"]
-    names = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
-    values = (*pose["position_m"], *pose["quaternion_xyzw"])
-    return row | dict(zip(names, values, strict=True))

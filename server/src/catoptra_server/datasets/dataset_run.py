@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import TextIO
 
 from catoptra_protocol.errors import CatoptraError
+from catoptra_protocol.shards import load_zstandard
 from catoptra_server.datasets.dataset_folder import (
     DatasetIdentity,
     describe_cameras,
     find_finished_shards,
     finish_folder,
     open_folder,
-    require_pyarrow,
     require_space,
     write_summaries,
 )
@@ -26,7 +26,8 @@ from catoptra_server.datasets.dataset_stage import DatasetStage
 from catoptra_server.datasets.poses import check_given_poses
 from catoptra_server.datasets.recipe_file import read_recipe
 from catoptra_server.datasets.shards import ShardJob, ShardRecord
-from catoptra_server.datasets.worker_environment import describe_environment
+from catoptra_server.datasets.worker_environment import ZSTANDARD, describe_environment
+from catoptra_server.datasets.writers import require_pyarrow
 
 # Often enough to watch, seldom enough for a log.
 _TERMINAL_INTERVAL_S = 0.5
@@ -48,10 +49,15 @@ class DatasetRun:
         self.folder = folder
         if "parquet" in recipe.formats:
             require_pyarrow()
+        if recipe.compression != "none":
+            load_zstandard()
         self._stage = DatasetStage(recipe)
         check_given_poses(self._stage)
         digest = self._stage.digest
-        self._identity = DatasetIdentity(recipe.name, digest, describe_environment(), recipe.text)
+        environment = describe_environment()
+        if recipe.compression == "none":
+            environment = {k: v for k, v in environment.items() if k != ZSTANDARD}
+        self._identity = DatasetIdentity(recipe.name, digest, environment, recipe.text)
         # Whether the folder already has a manifest.
         self.is_whole = open_folder(folder, self._identity)
         self._finished = find_finished_shards(folder, recipe)
@@ -92,6 +98,7 @@ class DatasetRun:
             "renderer": recipe.renderer,
             "channels": list(recipe.channels),
             "formats": list(recipe.formats),
+            "compression": recipe.compression,
             "worlds": [world.name for world in recipe.worlds],
             "cameras": describe_cameras(self.folder, self._stage),
         }

@@ -19,14 +19,14 @@ of the sequence, so that any process can go on anywhere.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import cache
 
 import numpy as np
 
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.optics.elementary import arctan2, hypot
+from catoptra_protocol.optics.elementary import arctan2, hypot, matmul
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -56,6 +56,7 @@ from catoptra_server.datasets.recipe import (
     read_range,
     read_range_struct,
 )
+from catoptra_server.simulation.chassis import GRAVITY_M_S2
 from catoptra_server.simulation.collision_index import collision_height_m
 from catoptra_server.simulation.drive import RobotBody
 from catoptra_server.simulation.ground import NoStandError
@@ -150,6 +151,8 @@ class _SampleMotion:
     now: RobotMotion
     next: RobotMotion | None
     """None at the end of a path, and where samples do not follow each other."""
+    imu: Floats | None = None
+    """(n, 7) of a drive's ticks from this sample to the next, where the recipe asks for them."""
 
 
 class PoseSource:
@@ -158,8 +161,8 @@ class PoseSource:
     def __init__(self, stage: DatasetStage) -> None:
         self._stage = stage
         self._recipe = stage.recipe
-        self._drive: tuple[int, list[RobotMotion]] = (-1, [])
-        """Number of the last drive's sequence, and the motions."""
+        self._drive: tuple[int, list[RobotMotion], Floats] = (-1, [], np.zeros((0, 7)))
+        """Number of the last drive's sequence, the motions, and all that an IMU measures."""
 
     def find_motion(self, place: SamplePlace) -> _SampleMotion:
         """Robot of a sample.
@@ -173,9 +176,14 @@ class PoseSource:
         if isinstance(poses, RandomPoses):
             return _SampleMotion(self._random_motion(poses, place), None)
         if self._drive[0] != place.sequence:
-            self._drive = (place.sequence, self._simulate_drive(poses, place))
-        motions = self._drive[1]
-        return _SampleMotion(motions[place.step], motions[place.step + 1])
+            self._drive = (place.sequence, *self._simulate_drive(poses, place))
+        motions, measured = self._drive[1:]
+        ticks = round(poses.interval_s / _TICK_S)
+        imu = measured[place.step * ticks : (place.step + 1) * ticks]
+        wants_imu = "asl" in self._recipe.formats
+        return _SampleMotion(
+            motions[place.step], motions[place.step + 1], imu if wants_imu else None
+        )
 
     def find_way(self, place: SamplePlace) -> Floats:
         """(n, 3) places of the robot in the sequence of a sample, without its last motion."""
@@ -206,7 +214,7 @@ class PoseSource:
             robot = Robot(description, body, name=name, seed=self._recipe.seed, time_s=0.0)
             speeds = random_source(self._recipe, f"{name} speeds").generator(place.sequence)
             # Each begins to move before the first sample.
-            found = _drive(robot, world, speeds, _SPEEDS, _HOLD_S, count + 1, interval_s)
+            found, _ = _drive(robot, world, speeds, _SPEEDS, _HOLD_S, count + 1, interval_s)
             motions.append(found[1:])
         return motions
 
@@ -229,8 +237,10 @@ class PoseSource:
         where = body.world_from_robot
         return RobotMotion(0.0, where, _driving_twist(where, speed, rate))
 
-    def _simulate_drive(self, poses: DrivePoses, place: SamplePlace) -> list[RobotMotion]:
-        """Motions of all samples of a drive, and of one more for the last one's flow."""
+    def _simulate_drive(
+        self, poses: DrivePoses, place: SamplePlace
+    ) -> tuple[list[RobotMotion], Floats]:
+        """Motions of all samples of a drive, and of one more for the last one's flow; the IMU."""
         world, camera = self._stage.world(place.world), self._stage.cameras[place.camera]
         recipe, sequence = self._recipe, place.sequence
         start = _draw_free_pose(
@@ -239,7 +249,9 @@ class PoseSource:
         robot = Robot(camera.robot, start, name=f"drive {sequence}", seed=recipe.seed, time_s=0.0)
         speeds = random_source(recipe, "wheel speeds").generator(sequence)
         wheels, hold = poses.wheel_speed_rad_s, poses.hold_s
-        return _drive(robot, world, speeds, wheels, hold, poses.num_samples, poses.interval_s)
+        count, step_s = poses.num_samples, poses.interval_s
+        motions, places = _drive(robot, world, speeds, wheels, hold, count, step_s)
+        return motions, measure_motion(places, _TICK_S)
 
 
 def _drive(
@@ -250,12 +262,15 @@ def _drive(
     hold_s: ValueRange,
     num_samples: int,
     interval_s: float,
-) -> list[RobotMotion]:
-    """Motions of a robot that drives by random wheel speeds, at the samples and at one more."""
+) -> tuple[list[RobotMotion], list[Pose]]:
+    """Motions of a robot that drives by random wheel speeds, at the samples and at one more, and
+    the poses of all ticks."""
     motions: list[RobotMotion] = []
+    places: list[Pose] = []
     ticks_a_sample, hold_ticks = max(1, round(interval_s / _TICK_S)), 0
     for tick in range(num_samples * ticks_a_sample + 1):
         time_s = tick * _TICK_S
+        places.append(robot.world_from_robot)
         if tick % ticks_a_sample == 0:
             motions.append(RobotMotion(time_s, robot.world_from_robot, robot.twist))
         if hold_ticks == 0:
@@ -264,7 +279,7 @@ def _drive(
             robot.drive_wheels(Drive(left=left, right=right), time_s)
         hold_ticks -= 1
         robot.step(_TICK_S, time_s + _TICK_S, world.ground.mover_of(robot, ()))
-    return motions
+    return motions, places
 
 
 def _find_start(
@@ -348,6 +363,29 @@ class Surroundings:
             twist = motion.twist.at_offset(at.translation - base.translation)
             name = f"{description.model_name}.{number + 1}"
             yield DynamicObject(mesh, at, twist, name, FIRST_ROBOT + number)
+
+
+def measure_motion(places: Sequence[Pose], step_s: float) -> Floats:
+    """(n - 1, 7) exact measurements of an IMU at the chassis' origin, of n consecutive poses.
+
+    Time in s, rates in rad/s and specific forces in m/s^2, both in the robot's axes, of the step
+    that begins then: R' = R exp(w dt), v' = v + (R f + g) dt, p' = p + v' dt from rest, g down,
+    integrate to the poses.
+    """
+    rotations = np.array([one.rotation for one in places])
+    points = np.array([one.translation for one in places])
+    turns = matmul(np.swapaxes(rotations[:-1], 1, 2), rotations[1:])
+    rows, columns = (2, 0, 1), (1, 2, 0)
+    axis = 0.5 * (turns[:, rows, columns] - turns[:, columns, rows])
+    sine = hypot(axis[:, 0], axis[:, 1], axis[:, 2])
+    cosine = 0.5 * (turns[:, 0, 0] + turns[:, 1, 1] + turns[:, 2, 2] - 1.0)
+    # The angle over its sine is 1 for the smallest.
+    factor = np.where(sine > 0.0, arctan2(sine, cosine) / np.where(sine > 0.0, sine, 1.0), 1.0)
+    velocities = np.diff(points, axis=0) / step_s
+    forces = np.diff(velocities, axis=0, prepend=0.0) / step_s - np.array((0.0, 0.0, GRAVITY_M_S2))
+    in_body = matmul(forces[:, None], rotations[:-1])[:, 0]
+    times = step_s * np.arange(len(turns))
+    return np.column_stack((times, axis * (factor / step_s)[:, None], in_body))
 
 
 def _given_robot(

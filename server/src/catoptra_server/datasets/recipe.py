@@ -31,6 +31,18 @@ from catoptra_server.effects import (
 )
 from catoptra_server.simulation.robot_description import PlanarPose
 
+FORMATS = {
+    "coco": True,
+    "coco_folder": True,
+    "yolo": True,
+    "yolo_polygons": True,
+    "kitti": True,
+    "asl": False,
+    "tum": False,
+    "parquet": False,
+}
+"""Files that a recipe may have beside the shards, and whether they need annotations."""
+COMPRESSIONS = ("none", "zstd")
 _EXAMPLE = "(Min=0,Max=1)"
 DISTRACTOR_CLASS = "distractor"
 _EFFECTS_SECTION = "Catoptra.Effects"
@@ -58,6 +70,8 @@ class Recipe:
     """Names of channels of ground truth beside the picture."""
     formats: tuple[str, ...]
     """Files beside the shards: of FORMATS."""
+    compression: str
+    """Of NumPy's files: of COMPRESSIONS."""
     renderer: str
     randomisation: Randomisation | None = None
     """What else varies; None: nothing."""

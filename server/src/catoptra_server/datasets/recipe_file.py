@@ -1,7 +1,7 @@
 """Recipe files: from `[Catoptra.Dataset]` and sections of poses, lights and effects to a Recipe.
 
     [Catoptra.Dataset]  Name, Samples, Seed, ShardSamples, Worlds, Cameras, Poses, Channels,
-                        Formats, Renderer, InstructionSet
+                        Formats, Compression, Renderer, InstructionSet
     [Catoptra.Lights]   Brightness=(Min=,Max=,Levels=)
     [Catoptra.Classes]  numbers of classes, by name
     [Catoptra.Effects]  modes and parameters as in a robot file; parameters may be ranges
@@ -26,6 +26,8 @@ from catoptra_server.config.section_reader import SectionReader
 from catoptra_server.datasets.poses import POSE_KINDS, read_poses
 from catoptra_server.datasets.randomise import read_randomisation
 from catoptra_server.datasets.recipe import (
+    COMPRESSIONS,
+    FORMATS,
     BrightnessLevels,
     CameraChoice,
     GivenPoses,
@@ -41,8 +43,6 @@ from catoptra_server.render.renderer_kind import RendererKind
 
 log = logging.getLogger(__name__)
 
-_FORMATS = ("coco", "tum", "parquet")
-"""Files that a recipe may have beside the shards."""
 _SECTION = "Catoptra.Dataset"
 _LIGHTS = "Catoptra.Lights"
 _CLASSES = "Catoptra.Classes"
@@ -91,7 +91,8 @@ def read_recipe(path: Path) -> Recipe:
         },
         effects=read_effects(file),
         channels=_read_channels(section, poses),
-        formats=read_words(section, "Formats", _FORMATS, ()),
+        formats=read_words(section, "Formats", tuple(FORMATS), ()),
+        compression=section.get_choice("Compression", COMPRESSIONS, "none"),
         renderer=section.get_choice("Renderer", _RENDERERS, _DEFAULT_RENDERER),
         randomisation=read_randomisation(file),
         class_numbers=_read_classes(file),

@@ -25,8 +25,9 @@ from catoptra_protocol.labels import GroundTruth, LabelledObject
 from catoptra_protocol.labels.annotations import annotate_objects
 from catoptra_protocol.labels.spherical_box import PixelSphere
 from catoptra_protocol.optics.elementary import hypot
+from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_protocol.shards import CHANNEL_FILES, METADATA, PICTURE
+from catoptra_protocol.shards import CHANNEL_FILES, METADATA, PICTURE, compress_arrays
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.datasets.dataset_stage import DatasetStage, RecipeCamera, RecipeWorld
 from catoptra_server.datasets.png_files import encode_png
@@ -46,7 +47,7 @@ from catoptra_server.datasets.randomise import (
     draw_mount,
     random_source,
 )
-from catoptra_server.datasets.recipe import Recipe, draw_effects
+from catoptra_server.datasets.recipe import FORMATS, Recipe, draw_effects
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.image_port import mounted_camera_state
 from catoptra_server.frames.labels import LabelledImage
@@ -90,6 +91,8 @@ class SampleDescription:
     """In place of the world's directional lights; None: those."""
     lamps: tuple[PointLight, ...]
     """Beside the world's."""
+    imu: Floats | None
+    """As of `poses.py:measure_motion`, from this sample to the next; None without."""
 
 
 class SampleDescriber:
@@ -146,6 +149,7 @@ class SampleDescriber:
             robot_from_camera=mount,
             sun=sun,
             lamps=lamps,
+            imu=motion.imu,
         )
 
     def _camera_state(
@@ -246,8 +250,8 @@ class SampleAnnotator:
 
 
 def wants_annotations(recipe: Recipe) -> bool:
-    """Whether a recipe's samples have annotations: with the channel ids, or for a COCO file."""
-    return "ids" in recipe.channels or "coco" in recipe.formats
+    """Whether a recipe's samples have annotations: with the channel ids, or for a format."""
+    return "ids" in recipe.channels or any(FORMATS[name] for name in recipe.formats)
 
 
 def describe_sample_metadata(
@@ -279,6 +283,7 @@ def describe_sample_metadata(
         "world_from_robot": _describe_pose(description.motion.world_from_robot),
         "linear_m_s": [float(one) for one in twist.linear_m_s],
         "angular_rad_s": [float(one) for one in twist.angular_rad_s],
+        **({} if description.imu is None else {"imu": description.imu.tolist()}),
         "brightness": description.brightness,
         **({"groups": {**groups}} if (groups := description.group_brightness) else {}),
         **_describe_lights(description),
@@ -350,12 +355,17 @@ def _finite(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
 
 
-def encode_sample(sample: RenderedSample) -> dict[str, bytes]:
-    """Content of a sample's files by suffix, sorted: the same bytes for the same sample."""
+def encode_sample(sample: RenderedSample, compression: str = "none") -> dict[str, bytes]:
+    """Content of a sample's files by suffix, sorted: the same bytes for the same sample.
+
+    Args:
+        sample: The sample.
+        compression: Of COMPRESSIONS.
+    """
     files = {PICTURE: encode_png(sample.rgb), METADATA: _encode_json(sample.metadata)}
     for name, array in sample.channels.items():
         files[CHANNEL_FILES[name]] = _encode_channel(name, array)
-    return dict(sorted(files.items()))
+    return dict(sorted((files if compression == "none" else compress_arrays(files)).items()))
 
 
 def _encode_channel(name: str, array: npt.NDArray[Any]) -> bytes:

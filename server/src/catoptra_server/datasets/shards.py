@@ -113,7 +113,7 @@ class ShardArtist:
                 sample = self._renderer.render_sample(self._describer.describe_sample(index))
             except CatoptraError as error:
                 raise CatoptraError(f"sample {key}: {error}") from error
-            yield key, encode_sample(sample)
+            yield key, encode_sample(sample, self._recipe.compression)
 
     def close(self) -> None:
         """Free the renderers."""
@@ -203,6 +203,19 @@ def write_whole(path: Path, parts: Iterable[bytes]) -> None:
     finally:
         with suppress(OSError):
             part.unlink(missing_ok=True)
+
+
+def write_plain(path: Path, content: bytes) -> None:
+    """Write a small file of many, on disk at some time after: for folders that a manifest ends.
+
+    Raises:
+        CatoptraError: The disk is full, or the file cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    except OSError as error:
+        raise CatoptraError(_describe(path, error)) from error
 
 
 def _describe(path: Path, error: OSError) -> str:

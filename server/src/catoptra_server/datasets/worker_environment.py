@@ -17,9 +17,12 @@ from pathlib import Path
 import catoptra_protocol
 import catoptra_server
 from catoptra_protocol.errors import CatoptraError
-from catoptra_protocol.shards import hash_file
+from catoptra_protocol.shards import hash_file, load_zstandard
 from catoptra_server.datasets import png_files
 from catoptra_server.render.trace.kernel.library import kernel_library_path
+
+ZSTANDARD = "zstandard"
+"""Entry of the environment that matters where arrays are compressed."""
 
 
 class WorkerRefusedError(CatoptraError):
@@ -46,7 +49,17 @@ def describe_environment() -> dict[str, str]:
         "python": ".".join(platform.python_version_tuple()[:2]),
         "png_encoder": png_files.ENCODER,
         **libraries,
+        **describe_zstandard(),
     }
+
+
+def describe_zstandard() -> dict[str, str]:
+    """Version of the library on which compressed bytes depend; nothing where it is missing."""
+    try:
+        version = load_zstandard().ZSTD_VERSION
+    except CatoptraError:
+        return {}
+    return {ZSTANDARD: ".".join(map(str, version))}
 
 
 def require_environment(expected: Mapping[str, str]) -> None:
