@@ -26,7 +26,7 @@ from gymnasium.envs.registration import register, registry
 from gymnasium.utils.env_checker import check_env
 
 from catoptra_client import gym_environment
-from catoptra_client.gym_environment import CatoptraEnv
+from catoptra_client.gym_environment import ENVIRONMENT_ID, CatoptraEnv
 from catoptra_client.robot_episodes import Transition
 
 ACTIONS = ((1.0, 0.4), (0.3, 0.5), (-0.2, 0.6))
@@ -98,16 +98,50 @@ def hash_episode(env: CatoptraEnv, **reset: Any) -> str:
 
 
 def test_environment_passes_gymnasiums_checker(robot: Path) -> None:
-    register("Catoptra-v0", entry_point=lambda **options: make_env(robot, **options))
+    register("CatoptraTest-v0", entry_point=lambda **options: make_env(robot, **options))
     try:
-        made = gymnasium.make("Catoptra-v0")
+        made = gymnasium.make("CatoptraTest-v0")
         try:
             # With a specification the checker compares seeded episodes and every render mode.
             check_env(made.unwrapped)
         finally:
             made.close()
     finally:
-        registry.pop("Catoptra-v0")
+        registry.pop("CatoptraTest-v0")
+
+
+def test_registered_environment_has_size_range_and_ids_by_argument() -> None:
+    options = {"size_px": (48, 40), "channels": ("range", "ids"), "world": "corridor"}
+    made = gymnasium.make(
+        ENVIRONMENT_ID,
+        reward=measure_progress,
+        start=lambda generator: (0.0, 0.0, 0.0),
+        server_arguments=("--threads", "1"),
+        **options,
+    )
+    try:
+        observation, _ = made.reset(seed=1)
+        shapes = {name: values.shape for name, values in observation.items()}
+        assert shapes["image"] == (40, 48, 3)
+        assert shapes["range"] == shapes["ids"] == (40, 48)
+        assert made.observation_space.contains(observation)
+        assert observation["ids"].max() > 1
+        assert observation["range"].max() == np.float32(1e6), "outside the mirror"
+    finally:
+        made.close()
+
+
+def test_size_of_a_lens_or_of_a_running_server_is_an_error() -> None:
+    with pytest.raises(CatoptraError, match="camera of a mirror"):
+        CatoptraEnv(
+            measure_progress,
+            lambda generator: (0.0, 0.0, 0.0),
+            robot="p2at_fisheye",
+            world="corridor",
+            size_px=(32, 32),
+        )
+    with pytest.raises(CatoptraError, match="leave size_px out"):
+        CatoptraEnv(measure_progress, choose_start, address=("127.0.0.1", 1), size_px=(32, 32))
 
 
 def test_observation_has_image_odometry_and_scan(env: CatoptraEnv) -> None:

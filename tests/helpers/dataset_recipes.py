@@ -41,7 +41,23 @@ def write_recipe(
     return path
 
 
-def write_drive(folder: Path, *, lines: tuple[str, ...] = ("Channels=all",)) -> Path:
+RANDOMISED = (
+    "[Catoptra.Randomise]",
+    "Textures=brick,wood",
+    "Colours=(Min=0.3,Max=1)",
+    "Gloss=(Min=0,Max=0.3)",
+    "Lamps=2",
+    "LampDistance=(Min=0.5,Max=1)",
+    "Distractors=(Min=0,Max=3)",
+    "DistractorSize=(Min=0.1,Max=0.2)",
+    "Objects=(Thing=cone,Count=(Min=0,Max=1))",
+    'Robots=(Robot="p2dx")',
+    "MountShift=0.01",
+    "MountTurn=0.02",
+)
+
+
+def write_drive(folder: Path, *sections: str, lines: tuple[str, ...] = ("Channels=all",)) -> Path:
     """Write a recipe of drives of two samples, with two cameras and three lights."""
     return write_recipe(
         folder,
@@ -49,6 +65,7 @@ def write_drive(folder: Path, *, lines: tuple[str, ...] = ("Channels=all",)) -> 
         "Samples=2",
         "[Catoptra.Lights]",
         "Brightness=(Min=0.5,Max=1.5,Levels=3)",
+        *sections,
         samples=6,
         poses="drive",
         cameras=(CAMERA, FISHEYE),

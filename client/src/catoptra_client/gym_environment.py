@@ -6,6 +6,7 @@ Needs the extra `gym`. An episode is a new robot of `robot_episodes`.
 from __future__ import annotations
 
 import math
+import tempfile
 import weakref
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -24,13 +25,15 @@ from catoptra_client.robot_episodes import (
     StartFunction,
 )
 from catoptra_client.server_process import serve_stream
-from catoptra_protocol.errors import DomainError
+from catoptra_protocol.errors import CatoptraError, DomainError
 
 try:
     import gymnasium
 except ImportError as error:
     raise ImportError("no Gymnasium here: pip install 'catoptra-client[gym]'") from error
 
+ENVIRONMENT_ID = "Catoptra-v0"
+"""Name for `gymnasium.make`, once this module is imported."""
 # Finite, as Gymnasium's checker wants it, and farther than any drive or range.
 _MAX_M = 1e6
 _ODOMETRY_LIMITS = np.array((_MAX_M, _MAX_M, math.pi), np.float32)
@@ -40,9 +43,9 @@ class CatoptraEnv(gymnasium.Env):  # type: ignore[misc] # untyped where Gymnasiu
     """A robot that sees by its camera and is driven by its wheel speeds.
 
     Action: speeds (2,) of the left and right wheels, as fractions of the maximum in [-1, 1].
-    Observation: `image`, `odometry` and `scan` of `robot_episodes.observe`. Info: true `pose` (3,),
-    m, m, rad in the world frame, and `time_s` since the start. `client` is the robot's connection,
-    for its other sensors: do not `reset`, `spawn` or `step` by it.
+    Observation: `image`, `odometry`, `scan` and channels of `robot_episodes.observe`. Info: true
+    `pose` (3,), m, m, rad in the world frame, and `time_s` since the start. `client` is the robot's
+    connection, for its other sensors: do not `reset`, `spawn` or `step` by it.
 
     Constructor, `reset` and `step` raise what `StreamClient` raises: ConnectionLostError and
     DeadlineExceededError end the episode, and `reset` begins another if the server is there. A
@@ -77,6 +80,8 @@ class CatoptraEnv(gymnasium.Env):  # type: ignore[misc] # untyped where Gymnasiu
         address: tuple[str, int] | None = None,
         robot_class: str = "",
         camera: str = "",
+        size_px: tuple[int, int] | None = None,
+        channels: Sequence[str] = (),
         step_s: float = 0.1,
         render_mode: str | None = None,
         timeout_s: float = 60.0,
@@ -90,13 +95,17 @@ class CatoptraEnv(gymnasium.Env):  # type: ignore[misc] # untyped where Gymnasiu
             server_seed, server_arguments: Its seed and further arguments, such as `--threads 1`.
             address: Host and stream port of a running server, which replaces the four above.
             robot_class, camera: Empty = the server's first class, the robot's first camera.
+            size_px: Width and height of a mirror's picture, of a server that is started; None = the
+                camera's own.
+            channels: Channels of ground truth in the observation, such as `range` and `ids`; ranges
+                without a surface are 1e6 m.
             step_s: Simulated seconds of a step.
             render_mode: `rgb_array` for the camera's image, or None.
             timeout_s: Limit of each wait for the server.
 
         Raises:
-            CatoptraError: There is no server, it has other robots or no lockstep, or rejects class
-                or camera.
+            CatoptraError: There is no server, it has other robots or no lockstep, or rejects class,
+                camera or channel; or a size is wanted of a running server.
 
         An exception, KeyboardInterrupt and errors of `start` included, ends a server that was
         started.
@@ -108,19 +117,34 @@ class CatoptraEnv(gymnasium.Env):  # type: ignore[misc] # untyped where Gymnasiu
         self._finalizer = weakref.finalize(self, self._stack.close)
         try:
             if address is None:
-                files, arguments = (Path(robot), Path(world)), tuple(server_arguments)
+                robot_file = Path(robot)
+                if size_px is not None:
+                    folder = self._stack.enter_context(tempfile.TemporaryDirectory())
+                    robot_file = _write_sized_robot(Path(folder), robot, *size_px)
+                files, arguments = (robot_file, Path(world)), tuple(server_arguments)
                 server = serve_stream(
                     *files, seed=server_seed, timeout_s=timeout_s, extra_arguments=arguments
                 )
                 self.client = self._stack.enter_context(server)
+            elif size_px is not None:
+                raise CatoptraError("the picture's size is the running server's: leave size_px out")
             else:
                 client = StreamClient.connect(*address, timeout_s=timeout_s)
                 self.client = self._stack.enter_context(client)
             self._episodes = RobotEpisodes(
-                self.client, robot_class=robot_class, camera=camera, step_s=step_s
+                self.client,
+                robot_class=robot_class,
+                camera=camera,
+                step_s=step_s,
+                channels=channels,
             )
             generator = np.random.default_rng(0)
             observation, _ = self._episodes.begin(generator, start(generator))
+            if size_px not in (None, observation["image"].shape[1::-1]):
+                raise CatoptraError(
+                    f"size_px is of the camera of a mirror: {robot} has another, of "
+                    "ResolutionX and ResolutionY in its file"
+                )
         except BaseException:
             self.close()
             raise
@@ -195,10 +219,28 @@ class CatoptraEnv(gymnasium.Env):  # type: ignore[misc] # untyped where Gymnasiu
         self._stack.close()
 
 
+def _write_sized_robot(folder: Path, robot: str, width_px: int, height_px: int) -> Path:
+    """File of a robot whose mirror's camera has another size."""
+    base = Path(robot).resolve() if Path(robot).exists() else robot
+    size = f"ResolutionX={width_px}\nResolutionY={height_px}\n"
+    section = f"[Catoptra.OmniCaptureCamera]\n{size}"
+    path = folder / "robot.ini"
+    path.write_text(f"[Configuration]\nBasedOn={base}\n{section}", encoding="utf-8")
+    return path
+
+
 def _find_space(observation: Observation) -> gymnasium.spaces.Dict:
     """Space of all observations that have the shapes of this one."""
     box, limit = gymnasium.spaces.Box, _ODOMETRY_LIMITS
     limits_of = {"image": (0, 255), "odometry": (-limit, limit), "scan": (0.0, _MAX_M)}
+    limits_of |= {"ids": (0, 65535), "classes": (0, 65535), "agreement": (0, 255), "valid": (0, 1)}
     return gymnasium.spaces.Dict(
-        {name: box(*limits_of[name], v.shape, v.dtype.type) for name, v in observation.items()}
+        {
+            name: box(*limits_of.get(name, (-_MAX_M, _MAX_M)), v.shape, v.dtype.type)
+            for name, v in observation.items()
+        }
     )
+
+
+if ENVIRONMENT_ID not in gymnasium.registry:
+    gymnasium.register(ENVIRONMENT_ID, f"{__name__}:{CatoptraEnv.__name__}")

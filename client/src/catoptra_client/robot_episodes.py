@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +25,7 @@ from catoptra_protocol.usarsim.readings import OdometryReading, RangeScanReading
 from catoptra_protocol.usarsim.reports import Report
 from catoptra_protocol.vectors import Vector3
 
+_FAR = 1e6
 Observation = dict[str, npt.NDArray[Any]]
 
 
@@ -38,9 +39,14 @@ def observe(frame: Frame, reports: Iterable[Report]) -> Observation:
     Returns:
         `image` (h, w, 3) uint8 RGB; `odometry` (3,) float32, x and y in metres and yaw in radians
         in [-pi, pi] from the pose of spawning; `scan` (n,) float32, ranges in metres from right to
-        left. The latter two if the reports have them, and of several sensors the first.
+        left. The latter two if the reports have them, and of several sensors the first. Channels of
+        the frame's labels by their names, 1e6 m where a range is infinite and 0 for no number.
     """
-    observation = {"image": frame.rgb.copy()}
+    observation: Observation = {"image": frame.rgb.copy()}
+    if frame.labels is not None:
+        for name, values in frame.labels.truth.channels.items():
+            finite = np.nan_to_num(values, posinf=_FAR) if values.dtype.kind == "f" else values
+            observation[name] = finite.astype(values.dtype)
     for report in reports:
         if isinstance(report, OdometryReading):
             # Wrapped again: a heading just below pi is printed as more than pi.
@@ -91,7 +97,13 @@ class RobotEpisodes:
     """The robot of a client, a new one each episode."""
 
     def __init__(
-        self, client: StreamClient, *, robot_class: str, camera: str, step_s: float
+        self,
+        client: StreamClient,
+        *,
+        robot_class: str,
+        camera: str,
+        step_s: float,
+        channels: Sequence[str] = (),
     ) -> None:
         """Spawn nothing yet.
 
@@ -100,10 +112,11 @@ class RobotEpisodes:
             robot_class: Class of the robot; empty = the server's first one.
             camera: Name of the camera; empty = the robot's first one.
             step_s: Simulated seconds of a step.
+            channels: Channels of ground truth to observe.
         """
         self._client = client
         self._class_name = robot_class or client.get_status().class_names[0]
-        self._camera, self._step_s = camera, step_s
+        self._camera, self._step_s, self._channels = camera, step_s, tuple(channels)
 
     @property
     def newest(self) -> tuple[Observation, Info]:
@@ -145,7 +158,10 @@ class RobotEpisodes:
     def _observe(self, reports: Iterable[Report]) -> tuple[Observation, Info]:
         """Observation and info of the present, from the readings of all sensors and a frame."""
         frame = self._client.get_frame(
-            encoding=ImageEncoding.RAW, robot=self._name, camera=self._camera
+            encoding=ImageEncoding.RAW,
+            robot=self._name,
+            camera=self._camera,
+            channels=self._channels,
         )
         observation = observe(frame, reports)
         # Counted from the start: differences of the server's times would round by its age.

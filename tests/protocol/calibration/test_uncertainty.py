@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from catoptra_protocol.calibration.calibration_files import camera_from_file
+from catoptra_protocol.calibration.uncertainty import draw_camera
 from catoptra_protocol.errors import ConfigError
 from catoptra_protocol.optics.omni_camera import OmniCamera
 
@@ -91,3 +92,48 @@ def test_wrong_statement_is_rejected_in_one_line(tmp_path: Path, line: str, word
     with pytest.raises(ConfigError, match=words) as found:
         camera_from_file(write(tmp_path, line))
     assert "\n" not in str(found.value)
+
+
+def test_drawn_cameras_have_the_covariance_of_the_file(tmp_path: Path) -> None:
+    path = write(tmp_path, describe(COVARIANCE))
+    camera, text = camera_from_file(path), path.read_text(encoding="utf-8")
+    generator = np.random.default_rng(3)
+    moves = []
+    for _ in range(2000):
+        one = draw_camera(camera, text, str(path), generator.standard_normal)
+        u, v = np.subtract(one.centre_px, camera.centre_px)
+        lens, own = one.projection, camera.projection
+        moves.append(
+            (u, v, one.scale_px - camera.scale_px, lens.xi - own.xi, lens.alpha - own.alpha)
+        )
+    found = np.cov(np.array(moves).T) / np.outer(SIGMAS, SIGMAS)
+    # Of 2000 draws an entry has a standard deviation of at most 3 %.
+    np.testing.assert_allclose(found, CORRELATION, atol=0.12)
+
+
+@pytest.mark.parametrize(
+    ("names", "sizes"), [(("p1", "k1", "stretch_1"), (1e-4, 1e-3, 1e-3)), (("k2",), (1e-3,))]
+)
+def test_drawn_camera_moves_parameters_of_plane_and_lens(
+    tmp_path: Path, names: tuple[str, ...], sizes: tuple[float, ...]
+) -> None:
+    chain = CHAIN.replace("camera_model: ds", "camera_model: pinhole")
+    chain = chain.replace("-0.17, 0.59, ", "").replace("none", "radtan")
+    path = tmp_path / "chain.yaml"
+    path.write_text(
+        chain.replace("coeffs: []", "coeffs: [-0.1, 0.01, 1e-4, 2e-4]"), encoding="utf-8"
+    )
+    camera = camera_from_file(path)
+    text = describe(np.diag(np.square(sizes)), names)
+    one = draw_camera(camera, text, "chain.yaml", np.ones)
+    for name, size in zip(names, sizes, strict=True):
+        owner = "projection" if name.startswith("k") else "plane"
+        values = [getattr(getattr(each, owner), name.partition("_")[0]) for each in (one, camera)]
+        moved = values[0][1] - values[1][1] if name == "stretch_1" else values[0] - values[1]
+        assert moved == pytest.approx(size)
+
+
+def test_drawing_from_a_file_without_a_covariance_is_an_error(tmp_path: Path) -> None:
+    camera = camera_from_file(write(tmp_path, ""))
+    with pytest.raises(ConfigError, match="to draw a camera from"):
+        draw_camera(camera, "", "chain.yaml", np.ones)

@@ -13,7 +13,7 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_server.datasets.dataset_run import DatasetRun
 from catoptra_server.datasets.local_workers import DatasetInterruptedError, LocalWorkers
 from catoptra_server.datasets.shards import ShardJob
-from helpers.dataset_recipes import write_drive, write_recipe
+from helpers.dataset_recipes import RANDOMISED, write_drive, write_recipe
 from helpers.long_cases import quick_cases
 
 
@@ -21,7 +21,7 @@ from helpers.long_cases import quick_cases
 def job(tmp_path_factory: pytest.TempPathFactory) -> ShardJob:
     """Job of a drive of three shards."""
     folder = tmp_path_factory.mktemp("job")
-    return DatasetRun(write_drive(folder), folder / "out").job
+    return DatasetRun(write_drive(folder, *RANDOMISED), folder / "out").job
 
 
 def draw(job: ShardJob, workers: LocalWorkers) -> dict[int, str]:

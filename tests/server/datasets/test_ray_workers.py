@@ -17,7 +17,7 @@ import pytest
 from catoptra_protocol.errors import CatoptraError
 from catoptra_server.datasets.ray_workers import draw_shard_of_job, require_ray
 from catoptra_server.datasets.shards import ShardJob
-from helpers.dataset_recipes import write_drive
+from helpers.dataset_recipes import RANDOMISED, write_drive
 from helpers.dataset_runs import COMMAND, TIMEOUT_S, read_hashes, run_dataset
 
 needs_ray = pytest.mark.skipif(
@@ -29,7 +29,7 @@ needs_ray = pytest.mark.skipif(
 def local(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a data set that local workers have drawn, beside its recipe."""
     root = tmp_path_factory.mktemp("local")
-    done = run_dataset(write_drive(root), root / "out")
+    done = run_dataset(write_drive(root, *RANDOMISED), root / "out")
     assert done.returncode == 0, done.stderr
     return root / "out"
 

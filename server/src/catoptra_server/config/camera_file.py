@@ -64,8 +64,8 @@ def read_camera_file(path: Path) -> CameraFile:
         title=camera.get_str("Title"),
         source=camera.get_str("Source"),
         licence=camera.get_str("Licence"),
-        is_lens=item.has_key("Lens"),
-        keeps_size=item.has_key("FocalLength"),
+        is_lens=item.has_key("Lens") or item.has_key("CalibrationFile"),
+        keeps_size=item.has_key("FocalLength") or item.has_key("CalibrationFile"),
     )
 
 

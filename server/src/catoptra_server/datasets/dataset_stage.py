@@ -135,8 +135,9 @@ class DatasetStage:
         """
         numbers, varied = self.recipe.class_numbers, self.recipe.randomisation
         classes = {one.class_name for scene in scenes for one in scene.objects} | {ROBOT_CLASS}
-        for name in varied.kept_classes if varied else ():
-            if name not in classes:
+        kept = () if varied is None else varied.kept_classes
+        for name in kept:
+            if varied is not None and name not in classes:
                 known = list_names(name, sorted(classes))
                 raise CatoptraError(f"{varied.where}: Keep: {name} is no class of a world: {known}")
         classes |= {*varied.classes} if varied else set()

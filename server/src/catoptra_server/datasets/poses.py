@@ -189,9 +189,9 @@ class PoseSource:
         """(n, 3) places of the robot in the sequence of a sample, without its last motion."""
         poses = self._recipe.poses
         if not isinstance(poses, GivenPoses):
-            motion = self.find_motion(place).now
-            drive = isinstance(poses, DrivePoses)
-            motions = self._drive[1][: poses.num_samples] if drive else [motion]
+            motions = [self.find_motion(place).now]
+            if isinstance(poses, DrivePoses):
+                motions = self._drive[1][: poses.num_samples]
             return np.array([one.world_from_robot.translation for one in motions])
         here = self.find_motion(place).now.world_from_robot.translation
         return np.array([(one.pose.x_m, one.pose.y_m, here[2]) for one in poses.poses])
@@ -203,7 +203,7 @@ class PoseSource:
         interval_s, count = _ONE_SAMPLE_S, 1
         if not isinstance(poses, RandomPoses):
             interval_s, count = poses.interval_s or _ONE_SAMPLE_S, _sequence_length(self._recipe)
-        motions = []
+        motions: list[list[RobotMotion]] = []
         for number, description in enumerate(self._stage.other_robots, 1):
             name = f"robot {number}"
             draw = random_source(self._recipe, f"{name} place").generator(place.sequence)

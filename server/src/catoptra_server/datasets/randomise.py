@@ -24,7 +24,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -243,7 +243,7 @@ class ScenePainter:
     def paint(self, index: int) -> SceneMesh:
         """The scene of a sample."""
         varied, scene, rows, owner = self._varied, self.scene, self._rows, self._owner
-        looks = {}
+        looks: dict[str, Any] = {}
         albedo = scene.albedo.copy()
         corners = None if scene.corner_albedo is None else scene.corner_albedo.copy()
         if varied.textures:
@@ -286,7 +286,7 @@ class ScenePainter:
 
 def _has_holes(scene: SceneMesh) -> Bools:
     assert scene.coverage is not None, "some triangles have holes"
-    return np.isfinite(scene.coverage).any(axis=-1)
+    return np.asarray(np.isfinite(scene.coverage).any(axis=-1))
 
 
 def _spread(values: ValueRange, uniform: Floats) -> Floats:
@@ -328,11 +328,11 @@ def draw_lights(
         at = np.array(
             (x + distance_m * cos(azimuth), y + distance_m * sin(azimuth), floor_z_m - height_m)
         )
-        way = at - viewpoint
-        length_m = hypot(*way.tolist())
-        free_m = float(caster.distances(viewpoint[None], (way / max(length_m, 1e-9))[None])[0])
+        ray = at - viewpoint
+        length_m = max(hypot(*ray.tolist()), 1e-9)
+        free_m = float(caster.distances(viewpoint[None], ray[None] / length_m)[0])
         # Before the wall that it would be behind.
-        at = viewpoint + way * min(1.0, 0.9 * free_m / max(length_m, 1e-9))
+        at = viewpoint + min(1.0, 0.9 * free_m / length_m) * ray
         lamps.append(PointLight((at[0].item(), at[1].item(), at[2].item()), (red, green, blue)))
     return sun, tuple(lamps)
 
@@ -402,14 +402,10 @@ class FreeSpace:
         """
         for _ in range(_NUM_BATCHES):
             places = self._draw(random)
-            if len(found := self._find_free(places, radius_m, height_m)):
-                self.reserve(found[0], radius_m)
-                return found[0]
+            for place in self._find_free(places, radius_m, height_m)[:1]:
+                self._taken = np.vstack((self._taken, (*place[:2], radius_m)))
+                return np.asarray(place)
         return None
-
-    def reserve(self, place: Floats, radius_m: float) -> None:
-        """Take a place."""
-        self._taken = np.vstack((self._taken, (*place[:2], radius_m)))
 
     def _draw(self, random: np.random.Generator) -> Floats:
         """(n, 3) places in sight of the way, at its height."""
@@ -419,7 +415,7 @@ class FreeSpace:
         angle = 2.0 * math.pi * turn
         ways = np.stack((cos(angle), sin(angle), np.zeros(_BATCH)), axis=-1)
         is_seen = self._caster.distances(begin, ways) > distance
-        return (begin + ways * distance[:, None])[is_seen]
+        return np.asarray((begin + ways * distance[:, None])[is_seen])
 
     def _find_free(self, places: Floats, radius_m: float, height_m: float) -> Floats:
         """Those of (n, 3) places with room, on their floor."""
@@ -439,7 +435,7 @@ class FreeSpace:
         rim = np.vstack((np.zeros(3), 0.6 * radius_m * _RING[::2], radius_m * _RING))
         above = floor[:, None] + rim - top_m * _DOWN
         down, _ = self._cast(above, np.broadcast_to(_DOWN, above.shape))
-        has_room: Bools = (np.abs(down - top_m) < _LEVEL_M).all(axis=1)
+        has_room: Bools = np.asarray((np.abs(down - top_m) < _LEVEL_M).all(axis=1))
         for height in (min(0.1, 0.5 * height_m), 0.8 * height_m):
             ways = np.broadcast_to(_RING, (len(floor), *_RING.shape))
             starts = np.broadcast_to((floor - height * _DOWN)[:, None], ways.shape)
@@ -459,7 +455,7 @@ class FreeSpace:
 _DOWN = np.array((0.0, 0.0, 1.0))
 _BATCH, _NUM_BATCHES = 24, 8
 _MARGIN_M, _LEVEL_M = 0.05, 0.02
-_ANGLES = np.arange(16) * (math.pi / 8.0)
+_ANGLES: Floats = np.arange(16.0) * (math.pi / 8.0)
 _RING = np.stack((cos(_ANGLES), sin(_ANGLES), np.zeros(16)), axis=-1)
 
 

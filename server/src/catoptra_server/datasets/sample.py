@@ -118,12 +118,12 @@ class SampleDescriber:
         if camera.calibration is not None:
             drawn = draw_calibration(recipe, index, camera.omni.camera, camera.calibration)
             optics = camera.fit(drawn)
-        mount = draw_mount(recipe, index, camera.sensor.robot_from_camera({}))
+        own_mount = camera.sensor.robot_from_camera({})
+        mount = draw_mount(recipe, index, own_mount)
         state = self._camera_state(camera, motion.now, place, mount)
-        viewpoint, caster = (
-            state.world_from_mirror.translation,
-            self._stage.world(place.world).caster,
-        )
+        # Of the mount as described: another mount moves no lamp.
+        viewpoint = motion.now.world_from_robot.transform_points(own_mount.translation)
+        caster = self._stage.world(place.world).caster
         floor_z_m = float(viewpoint[2]) + camera.robot.viewpoint_height_m(camera.omni)
         sun, lamps = draw_lights(recipe, index, viewpoint, floor_z_m, caster)
         next_state = None

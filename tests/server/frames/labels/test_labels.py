@@ -23,7 +23,7 @@ from catoptra_server.frames.labels import (
     label_exposure,
 )
 from catoptra_server.render.trace.trace_engine import MovingExposure, assemble_grid
-from catoptra_server.world.objects import INSTANTANEOUS, Shutter
+from catoptra_server.world.objects import INSTANTANEOUS, DynamicObject, Shutter
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import Box, Item, Material, Twist, World
 from helpers.labelled_rooms import CAMERAS, ROBOTS, SCENE, STATE
@@ -153,3 +153,28 @@ def test_world_of_too_many_objects_is_rejected(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(scene_labels, "_MAX_OBJECTS", 4)
     with pytest.raises(DomainError, match="5 objects, and labels number at most 4"):
         SceneLabels(SCENE)
+
+
+def test_fixed_classes_give_objects_numbers_that_follow_from_their_names() -> None:
+    boxes = [box_item(f"box {number}", 2.0 * number, 0.4) for number in range(40)]
+    numbers = {"object": 7, "robot": 3, "distractor": 300}
+    found = []
+    for items in (boxes, [box_item("another", -3.0, 0.4), *boxes]):
+        labels = SceneLabels(build_scene(World("w", tuple(items))), numbers, ("distractor",))
+        moving = [
+            DynamicObject(ROBOTS[0].mesh, Pose.identity(), number=n, class_name=name, name=name)
+            for n, name in ((2, "robot"), (128, "distractor"))
+        ]
+        described = labels.describe(tuple(moving))
+        assert [one.number for one in described] == sorted(one.number for one in described)
+        assert {one.class_name: one.class_number for one in described} == numbers
+        table = labels.find_class_table(tuple(moving))
+        assert all(table[one.number] == one.class_number for one in described)
+        found.append({one.name: one.number for one in described})
+    assert len(set(found[1].values())) == 43
+    assert found[0].items() <= found[1].items(), "the box in front renumbers nothing"
+
+
+def test_class_without_a_number_is_an_error() -> None:
+    with pytest.raises(DomainError, match="without a number: robot"):
+        SceneLabels(SCENE, {one.class_name: 1 for one in SCENE.objects})
