@@ -2,7 +2,8 @@
 
 69 mesh files of COLLADA in centimetres, 146 000 triangles, 113 placements, 87 textures of 1024 px.
 Placements are compared with the arithmetic of `helpers/gazebo_house.py`, which knows nothing of the
-importer. Run with
+importer. Then servers: of the house, by both renderers, and of one and of 113 walls of one file,
+until their first frame. Run with
 
     PYTHONPATH=tests python -m measurements.imported_house
 """
@@ -18,10 +19,18 @@ from pathlib import Path
 
 import numpy as np
 
+from catoptra_client.robot_client import RobotClient
 from catoptra_server.config.sdf_world import import_sdf
 from catoptra_server.config.world_file import read_world
 from catoptra_server.render.trace.kernel.kernel_engine import KernelEngine
 from catoptra_server.world.scene_mesh import build_scene
+from cost.served_process import (
+    FULL_REQUEST,
+    CountedServer,
+    connect_watchers,
+    read_ports,
+    start_process,
+)
 from helpers.gazebo_house import write_house
 from helpers.memory import resident_mb
 
@@ -65,6 +74,40 @@ def main() -> None:
         print(f"placements: {len(placements)}, largest distance {1000.0 * worst_m:.6f} mm")
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         print(f"peak memory {peak / 1024:.0f} MiB")
+        for renderer in ("trace", "raster"):
+            print(f"house, {renderer}: {_serve(folder / 'house.ini', renderer)}")
+        for number in (1, 113):
+            walls = _write_walls(folder / f"walls_{number}", number, suffix)
+            print(f"walls, {number}: {_serve(walls, 'trace')}")
+
+
+def _write_walls(folder: Path, number: int, suffix: str) -> Path:
+    """World file of placements of one textured wall of 768 triangles."""
+    folder.mkdir()
+    counts = {"num_models": 1, "num_placements": number, "num_segments": 96}
+    write_house(folder, **counts, suffix=suffix, num_textures=1 if suffix == ".dae" else 0)
+    path = folder / "walls.ini"
+    path.write_text(import_sdf(folder / "arena.world", [folder / "models"], folder).text)
+    return path
+
+
+def _serve(world: Path, renderer: str) -> str:
+    """Time from the start of a server to its first frame, and its memory then."""
+    begin_s = time.monotonic()
+    command = [sys.executable, "-m", "catoptra_server"]
+    with start_process(command, "--world", str(world), "--renderer", renderer) as process:
+        server = CountedServer(process, read_ports(process))
+        with RobotClient.connect(port=server.control_port, timeout_s=60.0) as client:
+            client.spawn("USARBot.OmniP2AT", location_m=(0.0, 0.0, 0.0))
+            with connect_watchers(server, FULL_REQUEST) as (watcher,):
+                watcher.receive_frame()
+                used = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+                processor_s = (int(used[11]) + int(used[12])) / os.sysconf("SC_CLK_TCK")
+                first_s = time.monotonic() - begin_s
+                # What a server loads once it serves is memory, too.
+                time.sleep(1.0)
+                memory_mib = resident_mb(process.pid)
+    return f"first frame {first_s:.2f} s, {processor_s:.2f} s of processors, {memory_mib:.0f} MiB"
 
 
 if __name__ == "__main__":

@@ -198,10 +198,11 @@ def test_file_of_many_placements_is_read_once_and_its_texture_held_once(
     assert set(reads.values()) == {1}
     assert len(scene.textures) == 1
     assert scene.albedo.strides[0] == 0  # one row for all
+    assert len(scene.uv) == len(alone[0])
     # Every placement is what it would be alone, to the last bit.
     for number, one in zip(range(0, 113, 112 // 4), alone, strict=True):
         rows = scene.item_index == number
-        for name in ("corners", "normals", "uv", "albedo"):
+        for name in ("corners", "normals", "corner_uv", "albedo"):
             np.testing.assert_array_equal(getattr(scene, name)[rows], getattr(one, name))
 
 

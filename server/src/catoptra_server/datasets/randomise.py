@@ -235,7 +235,9 @@ class ScenePainter:
             scene,
             textures=(*scene.textures, *added),
             samplings=(*scene.samplings, *[TextureSampling()] * len(added)),
-            uv=np.array(scene.uv) if added else scene.uv,
+            # Placements of one file look different: each triangle has a row of its own.
+            uv=np.array(scene.corner_uv) if added else scene.uv,
+            uv_rows=None if added else scene.uv_rows,
             gloss=np.zeros((len(scene), 2)) if no_gloss else scene.gloss,
         )
         """The scene as it is committed, in its own looks."""

@@ -92,7 +92,7 @@ class SceneMesh:
     normals: Floats
     """(n, 3) unit, from the winding; 0 for a triangle without area."""
     uv: Floats
-    """(n, 3, 2) texture coordinates; zeros that take no memory in a scene without textures."""
+    """(k, 3, 2) texture coordinates; zeros that take no memory in a scene without textures."""
     albedo: Floats
     """(n, 3) linear; the mean of the corners where these differ."""
     unlit: Bools
@@ -115,6 +115,8 @@ class SceneMesh:
     """Objects in the order of their first items, landmarks last."""
     item_rotations: Floats | None = None
     """(k, 3, 3) world from each item's own axes; None: those of the world."""
+    uv_rows: npt.NDArray[np.int32] | None = None
+    """(n,) row of `uv` of each triangle, which placements of a file share; None: its own, k = n."""
     corner_albedo: Floats | None = None
     """(n, 3, 3) linear albedos at the corners, interpolated linearly over each triangle; None in a
     scene whose triangles have one albedo each."""
@@ -193,6 +195,11 @@ class SceneMesh:
         for one in fields(SceneMesh):
             object.__setattr__(other, one.name, looks.get(one.name, getattr(self, one.name)))
         return other
+
+    @property
+    def corner_uv(self) -> Floats:
+        """(n, 3, 2) texture coordinates of each triangle, which take memory of their own."""
+        return self.uv if self.uv_rows is None else self.uv[self.uv_rows]
 
     def is_far(self, point: Floats) -> bool:
         """Whether float32 relative to the centre is too coarse for what is near a (3,) point."""
@@ -307,13 +314,13 @@ def _concatenate_parts(parts: list[MeshPart], items: tuple[Item, ...]) -> SceneM
     textures = [(image, way) for image, way in distinct.values() if image is not None]
     numbers_of_textures = {(id(image), way): n for n, (image, way) in enumerate(textures)}
     numbers_of_textures |= {key: -1 for key, (image, _) in distinct.items() if image is None}
+    uv, uv_rows = _share_uv(looks) if textures else (no_texture_coordinates(sum(counts)), None)
     casts_shadows = [part.item >= 0 and items[part.item].casts_shadows for part in parts]
     return SceneMesh(
         corners=_concatenate([part.corners for part in parts]),
         normals=_concatenate([part.normals for part in parts]),
-        uv=_concatenate([look.uv for look in looks])
-        if textures
-        else no_texture_coordinates(sum(counts)),
+        uv=uv,
+        uv_rows=uv_rows,
         albedo=_concatenate_albedos([look.albedo for look in looks]),
         corner_albedo=_concatenate_corner_albedos(looks),
         emission=_repeat_rows([look.emission for look in looks], counts),
@@ -349,6 +356,27 @@ def _repeat(values: list[int], counts: Sequence[int]) -> npt.NDArray[np.int32]:
 def _concatenate(arrays: list[Floats]) -> Floats:
     """All rows; the array itself where there is one, so that a large mesh is not copied."""
     return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+
+
+def _share_uv(looks: list[MeshAppearance]) -> tuple[Floats, npt.NDArray[np.int32] | None]:
+    """Texture coordinates of parts, those in the same memory once, and their rows, if that saves
+    memory."""
+    distinct: dict[tuple[object, ...], tuple[int, Floats]] = {}
+    starts, num_rows = [], 0
+    for look in looks:
+        key = look.uv.__array_interface__["data"], look.uv.shape, look.uv.strides
+        if key not in distinct:
+            distinct[key] = num_rows, look.uv
+            num_rows += len(look.uv)
+        starts.append(distinct[key][0])
+    # 48 bytes a row of coordinates, and four a triangle for its number.
+    if 12 * num_rows > 11 * sum(len(look.uv) for look in looks):
+        return _concatenate([look.uv for look in looks]), None
+    rows = [
+        np.arange(at, at + len(look.uv), dtype=np.int32)
+        for at, look in zip(starts, looks, strict=True)
+    ]
+    return _concatenate([uv for _, uv in distinct.values()]), np.concatenate(rows)
 
 
 def _concatenate_albedos(albedos: list[Floats]) -> Floats:

@@ -173,7 +173,7 @@ class SceneBatches:
         """Buffer and format of each attribute that some batch needs."""
         attributes = {"radiance": _corner_radiance(scene, self._lighting.constant_lights)}
         if scene.textures:
-            attributes["uv"] = scene.uv
+            attributes["uv"] = scene.corner_uv
         if scene.occlusion is not None:
             sky = hemisphere_lights(self._lighting.constant_lights)
             is_hidden = (scene.occlusion.patch_of >= 0)[:, None, None]

@@ -195,8 +195,8 @@ def _count_halvings(image: Texture) -> int:
 def _texel_sizes(scene: SceneMesh) -> Floats:
     """(n,) upper bounds of the sides of a texel on each triangle, m; inf where it is a line."""
     sides = np.array([(1.0, 1.0), *(image.shape[1::-1] for image in scene.textures)])
-    edges = scene.corners[:, 1:] - scene.corners[:, :1]
-    texels = (scene.uv[:, 1:] - scene.uv[:, :1]) * sides[scene.texture_index + 1][:, None]
+    edges, uv = scene.corners[:, 1:] - scene.corners[:, :1], scene.corner_uv
+    texels = (uv[:, 1:] - uv[:, :1]) * sides[scene.texture_index + 1][:, None]
     (a, b), (c, d) = texels.transpose(1, 2, 0)
     first, second = edges.transpose(1, 2, 0)
     area = np.abs(a * d - b * c)

@@ -179,7 +179,7 @@ class ShadowMaps:
         assert scene.coverage is not None
         holed = scene.casts_shadows & np.isfinite(scene.coverage[:, 0])
         corners = scene.corners - self._origin
-        values = np.concatenate((corners, scene.uv, scene.coverage[..., None]), axis=-1)
+        values = np.concatenate((corners, scene.corner_uv, scene.coverage[..., None]), axis=-1)
         groups = [
             (holed & (scene.texture_index == number - 1), texture)
             for number, texture in enumerate(textures)

@@ -30,8 +30,16 @@ class MeshArrays(ctypes.Structure):
 
     _fields_: ClassVar[Fields] = [
         ("num_triangles", c_int32),
-        *_addresses("corners", "normals", "albedo", "flags", "corner_albedo", "uv", "texture"),
-        *_addresses("fine_corners", "emission", "corner_normals", "coverage", "blended"),
+        *_addresses("corners", "normals", "albedo", "flags", "corner_albedo", "uv"),
+        *_addresses(
+            "uv_rows",
+            "texture",
+            "fine_corners",
+            "emission",
+            "corner_normals",
+            "coverage",
+            "blended",
+        ),
         *_addresses("textures", "gloss"),
     ]
 

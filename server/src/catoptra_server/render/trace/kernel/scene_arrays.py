@@ -121,6 +121,7 @@ def scene_arrays(
         **filtered,
         blended=None if scene.blended is None else scene.blended.astype(np.uint8),
         uv=np.ascontiguousarray(scene.uv) if scene.textures else None,
+        uv_rows=scene.uv_rows,
         texture=scene.texture_index if scene.textures else None,
     )
 
@@ -162,7 +163,7 @@ def hole_arrays(
     flags = filtered.pop("flags", np.zeros(len(scene), dtype=np.uint8)) | np.uint8(FACET_TWO_SIDED)
     if filtered and scene.textures:
         flags |= (scene.texture_index >= 0) * np.uint8(FACET_TEXTURED)
-        filtered |= {"uv": scene.uv, "texture": scene.texture_index}
+        filtered |= {"uv": scene.corner_uv, "texture": scene.texture_index}
     chosen = {name: np.ascontiguousarray(array[rows]) for name, array in filtered.items()}
     normals = scene.normals[rows]
     return _mesh_arrays(
@@ -468,7 +469,7 @@ def find_flat_surfaces(scene: SceneMesh, device: KernelDevice) -> FlatSurfaces:
         "corners": scene.corners,
         "normals": scene.normals,
         "albedo": scene.albedo,
-        "uv": scene.uv if scene.textures else None,
+        "uv": scene.corner_uv if scene.textures else None,
         "texture": scene.texture_index,
         "object": scene.object_index + _number_looks(scene) * np.int32(len(scene.objects)),
         "unlit": scene.unlit,

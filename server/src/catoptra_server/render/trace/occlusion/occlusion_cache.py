@@ -245,7 +245,7 @@ def hash_scene(scene: SceneMesh) -> str:
     # With the release: another one may bake the same scene otherwise.
     digest = hashlib.sha256(f"{_FORMAT_VERSION} {__version__}".encode())
     arrays = (scene.corners, scene.casts_shadows, scene.unlit, scene.albedo, scene.texture_index)
-    for array in (*arrays, scene.uv if scene.textures else None, scene.corner_albedo):
+    for array in (*arrays, scene.corner_uv if scene.textures else None, scene.corner_albedo):
         if array is not None:
             digest.update(repr(array.shape).encode())
             digest.update(np.ascontiguousarray(array).data)

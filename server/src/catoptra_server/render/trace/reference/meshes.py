@@ -241,7 +241,7 @@ class _FacetFilter:
         coverage = np.full(len(rows), np.inf)
         holed = np.flatnonzero(np.isfinite(scene.coverage[rows, 0]))
         opacity = _interpolate_corners(scene.coverage[rows[holed], :, None], weights[holed])[:, 0]
-        uv = _interpolate_corners(scene.uv[rows[holed]], weights[holed])
+        uv = _interpolate_corners(scene.corner_uv[rows[holed]], weights[holed])
         for number, levels in enumerate(self.textures):
             those = np.flatnonzero(scene.texture_index[rows[holed]] == number)
             if levels[0].shape[-1] == 4:
@@ -281,10 +281,10 @@ def trace_scene(scene: SceneMesh, centre: Floats, lights: tuple[Light, ...]) -> 
         lights,
         scene.corner_albedo,
         scene.texture_index if scene.textures else None,
-        scene.uv if scene.textures else None,
+        scene.corner_uv if scene.textures else None,
         textures,
         scene.samplings,
-        uv_gradients(scene.corners, scene.uv) if scene.textures else None,
+        uv_gradients(scene.corners, scene.corner_uv) if scene.textures else None,
         scene.occlusion,
         scene.gloss,
         scene.emission,

@@ -175,7 +175,7 @@ double find_coverage(const MeshArrays *mesh, const double *place, const RayBlock
     const Texture *texture =
         mesh->flags[at] & FACET_TEXTURED ? mesh->textures + mesh->texture[at] : NULL;
     if (texture && texture->channels == 4) {
-        const double *uv = mesh->uv + 6 * at;
+        const double *uv = corner_uv(mesh, triangle);
         float s = (float)(uv[0] + u * (uv[2] - uv[0]) + v * (uv[4] - uv[0]));
         float t = (float)(uv[1] + u * (uv[3] - uv[1]) + v * (uv[5] - uv[1]));
         TexelSquare square = sample_texels(texture, 0, s, t, 1);

@@ -46,7 +46,7 @@ FacetPlane span_plane(Vec3 first, Vec3 second, Vec3 third, const double *uv) {
 FacetPlane find_facet_plane(const FrameState *state, int32_t triangle) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     static const double untextured[6] = {0, 0, 0, 0, 0, 0};
-    const double *uv = mesh->uv ? mesh->uv + 6 * (size_t)triangle : untextured;
+    const double *uv = mesh->uv ? corner_uv(mesh, triangle) : untextured;
     FacetPlane plane = span_plane(scene_corner(state, triangle, 0), scene_corner(state, triangle, 1),
                                   scene_corner(state, triangle, 2), uv);
     if (mesh->fine_corners) {

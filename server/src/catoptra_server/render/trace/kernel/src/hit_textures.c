@@ -28,7 +28,7 @@ static FacetPlane find_plane_at(const FrameState *state, int object, int32_t tri
     Vec3 offset = vec3(pose.translation), placed[3];
     for (int i = 0; i < 3; i++)
         placed[i] = add(rotate(pose.rotation, vec3(corners + 3 * i)), offset);
-    return span_plane(placed[0], placed[1], placed[2], mesh->uv + 6 * (size_t)triangle);
+    return span_plane(placed[0], placed[1], placed[2], corner_uv(mesh, triangle));
 }
 
 /* Coordinates and footprints of the hits with the facet of one lane, a bit mask of which is

@@ -9,6 +9,7 @@
 #ifndef CATOPTRA_KERNEL_H
 #define CATOPTRA_KERNEL_H
 
+#include <stddef.h>
 #include <stdint.h>
 
 #define CATOPTRA_EXPORT __attribute__((visibility("default")))
@@ -71,7 +72,8 @@ typedef struct {
     const float *albedo;         /* (n, 3) linear */
     const uint8_t *flags;        /* (n,) FACET_... */
     const float *corner_albedo;  /* (n, 3, 3) linear, of FACET_CORNER_COLOURS; or NULL */
-    const double *uv;            /* (n, 3, 2) texture coordinates at corners; or NULL */
+    const double *uv;            /* (k, 3, 2) texture coordinates at corners; or NULL */
+    const int32_t *uv_rows;      /* (n,) row of uv of each triangle; NULL: its own, k = n */
     const int32_t *texture;      /* (n,) index into textures, -1 for none; or NULL */
     const double *fine_corners;  /* (n, 3, 3) of a mesh that is large for float32; or NULL */
     const float *emission;       /* (n, 3) linear, of facets with FACET_EMISSIVE; or NULL */
@@ -85,6 +87,11 @@ typedef struct {
     const Texture *textures; /* of `texture`, for holes and of objects; or NULL */
     const float *gloss; /* (n, 2) reflectance along the normal, 0 for matt; roughness. Or NULL */
 } MeshArrays;
+
+/* (3, 2) texture coordinates at the corners of a triangle. */
+static inline const double *corner_uv(const MeshArrays *mesh, int32_t triangle) {
+    return mesh->uv + 6 * (size_t)(mesh->uv_rows ? mesh->uv_rows[triangle] : triangle);
+}
 
 typedef struct {
     int32_t kind;
