@@ -8,13 +8,16 @@ whose grey deviates by less than 0.6 levels, entropy of the grey levels in bit, 
 5 and above 250. Aims: at most 15 %, at least 6.3, at most 10 %.
 
 With --sheet out/worlds.png: a sheet of all worlds from fixed poses, the plain worlds left; the same
-bytes at each run.
+bytes at each run. With --pairs out/pairs: for judges who shall not know which is which, three
+random free poses of each world, plain and dressed beside each other in random order, and the key in
+a file of its own.
 """
 
 from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +29,7 @@ from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
 from helpers.world_pictures import (
     PLACES,
+    Picture,
     find_free_poses,
     load_world,
     measure_structure,
@@ -58,22 +62,50 @@ def main(worlds: list[str]) -> None:
             )
 
 
+def draw_pair(
+    pair: tuple[str, str], poses: Sequence[Pose], size: tuple[int, int]
+) -> list[list[Picture]]:
+    """Pictures of a plain world and of its dressed one from the same poses."""
+    camera = PerspectiveCamera(*size, math.radians(75.0))
+    return [render_perspective(load_world(name), camera, poses) for name in pair]
+
+
 def draw_sheet(path: str) -> None:
     """Write the pictures of all worlds, a row each."""
-    rows, camera = [], PerspectiveCamera(480, 300, math.radians(75.0))
+    rows = []
     for pair, places in SHEET.items():
         poses = [
             Pose.from_rpy((x, y, -z), (0.0, math.radians(-pitch), math.radians(yaw)))
             for x, y, z, yaw, pitch in places
         ]
-        plain, dressed = (render_perspective(load_world(name), camera, poses) for name in pair)
+        plain, dressed = draw_pair(pair, poses, (480, 300))
         rows.append(np.concatenate([*plain, *dressed], axis=1))
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(np.concatenate(rows)).save(path)
 
 
+def draw_pairs(folder: Path) -> None:
+    """Write numbered pairs for a blind comparison, and key.txt: which side is dressed."""
+    pairs = []
+    for pair in SHEET:
+        poses = find_free_poses(load_world(pair[1]), pair[1], 3)
+        pairs += zip(*draw_pair(pair, poses, (640, 480)), strict=True)
+    random, key = np.random.default_rng(43), []
+    folder.mkdir(parents=True, exist_ok=True)
+    gap = np.full((480, 16, 3), 255, dtype=np.uint8)
+    for number, place in enumerate(random.permutation(len(pairs)).tolist()):
+        plain, dressed = pairs[place]
+        is_left = bool(random.integers(2))
+        sides = (dressed, gap, plain) if is_left else (plain, gap, dressed)
+        Image.fromarray(np.concatenate(sides, axis=1)).save(folder / f"{number:02}.png")
+        key.append(f"{number:02} {'left' if is_left else 'right'}\n")
+    (folder / "key.txt").write_text("".join(key), encoding="utf-8")
+
+
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--sheet"]:
         draw_sheet(sys.argv[2])
+    elif sys.argv[1:2] == ["--pairs"]:
+        draw_pairs(Path(sys.argv[2]))
     else:
         main(sys.argv[1:])

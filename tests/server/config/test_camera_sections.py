@@ -100,10 +100,19 @@ def test_robot_when_its_file_names_no_effect_has_none(tmp_path: Path) -> None:
     assert read_settings(plain) == NO_EFFECT_SETTINGS
 
 
-@pytest.mark.parametrize("name", ["p2at_omni", "omni_p2dx", "p2at_omni_scout", "p2at_omni_live"])
+@pytest.mark.parametrize("name", ["p2at_omni", "omni_p2dx", "p2at_omni_scout", "p2at_omni_lab"])
 def test_bundled_omnidirectional_robot_sees_itself(name: str) -> None:
     modes = {one.effect.name: one.mode for one in read_settings(ROBOTS / f"{name}.ini").settings}
     assert modes["SelfView"] is EffectMode.AUTO
+
+
+def test_live_robot_sees_what_that_of_the_laboratory_sees() -> None:
+    live, own = (read_robot(ROBOTS / f"p2at_omni_{name}.ini")[0] for name in ("live", "lab"))
+    (seen,), (camera,) = live.omni_cameras, own.omni_cameras
+    assert (seen.camera, seen.effects) == (camera.camera, camera.effects)
+    assert camera.camera.width_px == 800
+    assert (live.body, own.body) == ("wheels", "wheels")
+    assert own.sensors != live.sensors
 
 
 def test_real_robot_when_read_names_every_effect_in_optical_order() -> None:

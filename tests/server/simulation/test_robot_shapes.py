@@ -13,10 +13,10 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.usarsim.configurations import CHASSIS_MOUNT
 from catoptra_server.config.robot_file import read_robots
 from catoptra_server.frames.labels import SceneLabels
+from catoptra_server.simulation.fleet_cameras import RobotMeshes
 from catoptra_server.simulation.robot_bodies import (
     OmniCameraTower,
     RobotDimensions,
-    RobotMeshes,
     build_carrier_mesh,
     build_ego_body_mesh,
     build_outer_meshes,

@@ -16,9 +16,10 @@ from catoptra_server.effects import EffectMode, EffectSetting, EffectSettings
 from catoptra_server.effects.medium.vignetting import Vignetting
 from catoptra_server.effects.scene.self_view import SelfView
 from catoptra_server.simulation.drive import RobotBody
+from catoptra_server.simulation.fleet_cameras import RobotMeshes
 from catoptra_server.simulation.ground import NoStandError
 from catoptra_server.simulation.robot import Robot
-from catoptra_server.simulation.robot_bodies import RobotMeshes, build_ego_mesh
+from catoptra_server.simulation.robot_bodies import build_ego_mesh
 from catoptra_server.simulation.robot_description import PlanarPose, RobotDescription
 from catoptra_server.simulation.spawning import (
     SpawnError,

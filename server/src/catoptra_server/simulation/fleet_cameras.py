@@ -1,16 +1,20 @@
 """The cameras of all robots, and what cameras and sensors of a robot may see.
 
 `FleetCameras` finds robot and camera of a channel, composes frames and answers queries about what a
-camera sees; `FleetEnvironment` is the world with the other robots as boxes, for one robot.
+camera sees; `FleetEnvironment` is the world with the other robots as boxes, for one robot;
+`RobotMeshes` are the robots as cameras show them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import assert_never
+from weakref import WeakKeyDictionary
 
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_protocol.usarsim.configurations import CHASSIS_MOUNT
 from catoptra_server.frames.frame import (
     CameraChannel,
     Channel,
@@ -32,7 +36,7 @@ from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.simulation.collision_index import CollisionIndex
 from catoptra_server.simulation.commands import ErrorBoundLookup
 from catoptra_server.simulation.robot import CameraSensor, Robot
-from catoptra_server.simulation.robot_bodies import RobotMeshes
+from catoptra_server.simulation.robot_bodies import build_ego_mesh, build_outer_meshes
 from catoptra_server.simulation.robot_description import RobotDescription
 from catoptra_server.simulation.sensors import RayCaster, SensorEnvironment
 from catoptra_server.simulation.sensors.omni_camera import OmniCameraSensor
@@ -43,8 +47,9 @@ from catoptra_server.simulation.sight import (
     compute_landmark_visibility,
     look_through_pixel,
 )
+from catoptra_server.world.objects import DynamicObject, ObjectMesh
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.world_description import World
+from catoptra_server.world.world_description import AT_REST, World
 
 
 class FleetEnvironment:
@@ -242,3 +247,63 @@ def _blank_size_px(classes: Sequence[RobotDescription]) -> tuple[int, int]:
 def _find_pose(robot: Robot, camera: CameraSensor) -> Pose:
     """world_from_camera at present."""
     return robot.world_from_robot @ camera.robot_from_camera(robot.joint_angles_rad)
+
+
+_PlacedRobot = tuple[Mapping[str, float], tuple[DynamicObject, ...]]
+_NO_ANGLES: Mapping[str, float] = {}
+
+
+class RobotMeshes:
+    """The meshes of a fleet's classes, each built once, when it is first seen."""
+
+    def __init__(self, descriptions: Sequence[RobotDescription]) -> None:
+        self._classes = {d.class_name: d for d in descriptions}
+        # Renderers recognize a mesh by identity: a mesh built anew would be uploaded anew. A start
+        # builds none: 30 to 130 ms each of a body of parts.
+        self._outer = cache(build_outer_meshes)
+        self._ego = cache(build_ego_mesh)
+        # With the angles of joints; forgotten with its robot.
+        self._objects: WeakKeyDictionary[CameraRobot, _PlacedRobot] = WeakKeyDictionary()
+
+    def dynamic_objects(self, robots: Iterable[CameraRobot]) -> tuple[DynamicObject, ...]:
+        """Robots as dynamic objects, at their present poses; the same in all views of a tick."""
+        return tuple(one for robot in robots for one in self._find_objects(robot))
+
+    def _find_objects(self, robot: CameraRobot) -> tuple[DynamicObject, ...]:
+        description = self._classes[robot.class_name]
+        meshes = self._outer(description)
+        if not meshes:
+            return ()
+        angles = robot.joint_angles_rad if len(meshes) > 1 else _NO_ANGLES
+        known, found = self._objects.get(robot, (None, ()))
+        if (
+            known != angles
+            or found[-1].world_from_object is not robot.world_from_robot
+            or found[-1].twist is not robot.twist
+        ):
+            found = tuple(
+                _place_mesh(mesh, robot, description, link, angles) for link, mesh in meshes.items()
+            )
+            self._objects[robot] = angles, found
+        return found
+
+    def ego_body(self, robot: CameraRobot) -> DynamicObject | None:
+        """Parts of a robot that its own mirror may show; None unless the effect is configured."""
+        description = self._classes[robot.class_name]
+        mesh = self._ego(description)
+        return None if mesh is None else _place_mesh(mesh, robot, description)
+
+
+def _place_mesh(
+    mesh: ObjectMesh,
+    robot: CameraRobot,
+    description: RobotDescription,
+    link: str = CHASSIS_MOUNT,
+    angles_rad: Mapping[str, float] = _NO_ANGLES,
+) -> DynamicObject:
+    pose, twist = robot.world_from_robot, robot.twist
+    if link != CHASSIS_MOUNT:
+        pose = pose @ description.robot_from_part(link, angles_rad)
+        if twist is not AT_REST:
+            twist = twist.at_offset(pose.translation - robot.world_from_robot.translation)
+    return DynamicObject(mesh, pose, twist, robot.name, robot.number)

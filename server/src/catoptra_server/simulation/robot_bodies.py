@@ -17,9 +17,8 @@ origin in the chassis).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import cache, lru_cache
-from weakref import WeakKeyDictionary
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
 
 import numpy as np
 
@@ -29,7 +28,6 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_protocol.usarsim.configurations import CHASSIS_MOUNT
-from catoptra_server.frames.image_port import CameraRobot
 from catoptra_server.simulation.robot_description import (
     LinkDescription,
     PerspectiveCameraDescription,
@@ -46,10 +44,10 @@ from catoptra_server.world.lofts import (
     transform,
     tube,
 )
-from catoptra_server.world.objects import DynamicObject, ObjectMesh, build_object_mesh
+from catoptra_server.world.objects import ObjectMesh, build_object_mesh
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.shapes import Patch, box, build_shape, concatenate, grid
-from catoptra_server.world.world_description import AT_REST, Box, Cylinder, Material, World
+from catoptra_server.world.world_description import Box, Cylinder, Material, World
 
 
 @dataclass(frozen=True, slots=True)
@@ -565,51 +563,6 @@ def _head_parts(camera: PerspectiveCameraDescription) -> Iterator[_MaterialPatch
     yield transform(tube((-0.02, 0.0, 0.0), (0.0, 0.0, 0.0), 0.025, 20), pose), _LENS_MATERIAL
 
 
-_PlacedRobot = tuple[Mapping[str, float], tuple[DynamicObject, ...]]
-_NO_ANGLES: Mapping[str, float] = {}
-
-
-class RobotMeshes:
-    """The meshes of a fleet's classes, each built once, when it is first seen."""
-
-    def __init__(self, descriptions: Sequence[RobotDescription]) -> None:
-        self._classes = {d.class_name: d for d in descriptions}
-        # Renderers recognize a mesh by identity: a mesh built anew would be uploaded anew. A start
-        # builds none: 30 to 130 ms each of a body of parts.
-        self._outer = cache(build_outer_meshes)
-        self._ego = cache(build_ego_mesh)
-        # With the angles of joints; forgotten with its robot.
-        self._objects: WeakKeyDictionary[CameraRobot, _PlacedRobot] = WeakKeyDictionary()
-
-    def dynamic_objects(self, robots: Iterable[CameraRobot]) -> tuple[DynamicObject, ...]:
-        """Robots as dynamic objects, at their present poses; the same in all views of a tick."""
-        return tuple(one for robot in robots for one in self._find_objects(robot))
-
-    def _find_objects(self, robot: CameraRobot) -> tuple[DynamicObject, ...]:
-        description = self._classes[robot.class_name]
-        meshes = self._outer(description)
-        if not meshes:
-            return ()
-        angles = robot.joint_angles_rad if len(meshes) > 1 else _NO_ANGLES
-        known, found = self._objects.get(robot, (None, ()))
-        if (
-            known != angles
-            or found[-1].world_from_object is not robot.world_from_robot
-            or found[-1].twist is not robot.twist
-        ):
-            found = tuple(
-                _place_mesh(mesh, robot, description, link, angles) for link, mesh in meshes.items()
-            )
-            self._objects[robot] = angles, found
-        return found
-
-    def ego_body(self, robot: CameraRobot) -> DynamicObject | None:
-        """Parts of a robot that its own mirror may show; None unless the effect is configured."""
-        description = self._classes[robot.class_name]
-        mesh = self._ego(description)
-        return None if mesh is None else _place_mesh(mesh, robot, description)
-
-
 def build_outer_meshes(description: RobotDescription) -> Mapping[str, ObjectMesh]:
     """Meshes of a class as others see it, by the links that carry them.
 
@@ -646,21 +599,6 @@ def build_carrier_mesh(description: RobotDescription) -> ObjectMesh:
         at_rest = description.robot_from_part(link, {})
         parts += [(transform(patch, at_rest), material) for patch, material in moving]
     return build_object_mesh(parts, is_smooth=True)
-
-
-def _place_mesh(
-    mesh: ObjectMesh,
-    robot: CameraRobot,
-    description: RobotDescription,
-    link: str = CHASSIS_MOUNT,
-    angles_rad: Mapping[str, float] = _NO_ANGLES,
-) -> DynamicObject:
-    pose, twist = robot.world_from_robot, robot.twist
-    if link != CHASSIS_MOUNT:
-        pose = pose @ description.robot_from_part(link, angles_rad)
-        if twist is not AT_REST:
-            twist = twist.at_offset(pose.translation - robot.world_from_robot.translation)
-    return DynamicObject(mesh, pose, twist, robot.name, robot.number)
 
 
 def _dimensions(description: RobotDescription) -> RobotDimensions:

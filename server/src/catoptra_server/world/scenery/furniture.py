@@ -365,7 +365,7 @@ def radiator(length: float = 1.6) -> Thing:
     ribs = round(length / 0.08)
     for rib in range(ribs):
         y = (rib - 0.5 * (ribs - 1)) * 0.08
-        thing.box(white, (0, y, 0.4), (0.1, 0.055, 0.56))
+        thing.box(white, (0, y, 0.4), (0.1, 0.07, 0.56))
     for z in (0.16, 0.64):
         thing.box(white, (0, 0, z), (0.06, length, 0.05))
     thing.rod(CHROME, (0, 0.5 * length + 0.03, 0), 0.012, 0.2)

@@ -263,7 +263,7 @@ def furnish_offices(scenery: Scenery) -> None:
             **dict.fromkeys(("RoomLeft", "RoomRight"), paint(216, 224, 232, "plaster")),
             "pillar": paint(214, 208, 196, "concrete"),
             "Floor": paint(174, 166, 150, "felt", tile_m=0.8),
-            "floor": paint(132, 144, 148, "tiles", tile_m=2.4),
+            "floor": paint(132, 144, 148, "tiles", tile_m=1.6),
         }
     )
     ceiling = Thing()
