@@ -8,8 +8,8 @@ reflect of them is. Source: Cohen & Wallace 1993, "Radiosity and Realistic Image
 form factors by rays.
 
 Probes for what moves stand on a regular grid of the scene's box, each of six nodes that face along
-the axes; one that sees backs, inside a solid or out of a room, has the light of those beside it. Walls
-between two do not count.
+the axes; one that sees backs, inside a solid or out of a room, has the light of those beside it.
+Walls between two do not count.
 
 Passes of 16 rays, each shifted by random numbers of its own, are independent estimates: a node's
 standard error is that of their mean. A tent over three by three nodes takes most noise; where it
