@@ -84,7 +84,7 @@ MAX_PASSES = 16
 """However large the errors are."""
 # 256 rays of each take 57 MB while they are kept.
 MAX_NODES = 56_000
-# Of these, six each; a metre apart at least.
+# Beside these, six nodes each; a metre apart at least.
 MAX_PROBES = 1000
 _MIN_PROBE_DISTANCE_M = 1.0
 _MIN_NODE_DISTANCE_M = 0.05
@@ -291,7 +291,7 @@ class LightBake:
             self._layout = lay_out(self._frames, distance_m)
             self._grid_at = self._layout.grid_at()
             is_node = self._grid_at >= 0
-            excess = (np.count_nonzero(is_node) + 6 * num_probes) / MAX_NODES
+            excess = np.count_nonzero(is_node) / MAX_NODES
             if excess <= 1.0 or distance_m > 100.0:
                 break
             distance_m *= max(1.05, float(np.sqrt(excess)))
