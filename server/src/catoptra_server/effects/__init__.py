@@ -148,6 +148,8 @@ class ImageEffect(Effect, Protocol):
         """Return the changed image, a new array of the same type."""
 
 
+SHADED_BY_BODIES = "bodies shade what is near; "
+"""Begin of the reason of `BakedLight` where dynamic objects take a part of it, in trace alone."""
 WORLD_EFFECTS = {"BakedLight": "has_baked_light", "SkyRadiance": "has_sky"}
 """Effects that a world's file asks for, with their field of a `CameraState`: drawn where nobody
 names them."""

@@ -225,9 +225,7 @@ class HemisphereLight:
     """Irradiance of surfaces that face x, -x, y and -y; None: half of up and down each."""
 
     def __post_init__(self) -> None:
-        _check_light(
-            "hemisphere", self.up_irradiance, self.down_irradiance, *(self.sides or ())
-        )
+        _check_light("hemisphere", self.up_irradiance, self.down_irradiance, *(self.sides or ()))
 
     @property
     def faces(self) -> Floats:

@@ -13,7 +13,9 @@ from catoptra_protocol.optics.cube_map import MAX_FIVE_FACE_RIM_RAD, Face
 from catoptra_protocol.optics.mirrors import HyperbolicMirror, SphericalMirror
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects import SceneSummary
 from catoptra_server.effects.effect_plan import EffectDecision
+from catoptra_server.effects.scene.baked_light import BakedLight
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.error_bound import error_bound
 from catoptra_server.frames.plan.faces import max_face_size_px
@@ -43,6 +45,7 @@ from catoptra_server.runtime.memory import ViewSize
 from catoptra_server.world.mirror_mesh import Tessellation
 from catoptra_server.world.objects import CameraState, DynamicObject, Shutter
 from helpers.dynamic_objects import ROBOT_MESH, place_cube
+from helpers.effect_measurement import make_baked_map
 from helpers.mirror_checks import make_camera
 from helpers.worlds import make_omni_camera, make_plan
 
@@ -345,6 +348,15 @@ def test_raster_states_the_gloss_that_it_does_not_draw() -> None:
     assert gloss.reason == "raster does not draw it, up to the bound; polished"
     traced = plan_from_settings(RenderSettings(), CAMERA, kind=RendererKind.TRACE, reason="")
     assert explain_raster(decisions, traced) is decisions
+
+
+def test_raster_states_the_shade_that_it_does_not_draw() -> None:
+    summary = SceneSummary(1.0, light_bake=make_baked_map((0.2, 0.5, 1.0)), has_bodies=True)
+    bound = BakedLight().bound(replace(summary, open_irradiance=(1.0, 1.0, 1.0)), CAMERA)
+    decisions = (EffectDecision("BakedLight", True, bound.value, 1.0, bound.reason),)
+    (light,) = explain_raster(decisions, plan_raster(RenderSettings()))
+    assert light.enabled
+    assert light.reason.startswith("raster draws no shade of bodies; light differs")
 
 
 def test_decisions_name_the_limit_at_the_effects_of_the_shutter() -> None:

@@ -21,7 +21,14 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
-from catoptra_server.effects import AVERAGING, EffectBound, EffectType, Gains, SceneSummary
+from catoptra_server.effects import (
+    AVERAGING,
+    SHADED_BY_BODIES,
+    EffectBound,
+    EffectType,
+    Gains,
+    SceneSummary,
+)
 from catoptra_server.effects.kernels.grey_levels import find_changes
 from catoptra_server.world.objects import CameraState
 
@@ -58,8 +65,10 @@ class BakedLight:
         ranges = light.ranges * np.array(summary.open_irradiance)
         ranges[0] *= not summary.has_bodies
         changes = find_grid_changes(ranges, summary.gains)
+        bodies = SHADED_BY_BODIES if summary.has_bodies else ""
+        differing = np.count_nonzero(~light.is_constant)
         reason = (
-            f"light differs on {np.count_nonzero(~light.is_constant)} of {len(changes)} surfaces; "
+            f"{bodies}light differs on {differing} of {len(changes)} surfaces; "
             f"of 99 % of its nodes the stated error is below {light.stated_error:.3g} levels"
         )
         return EffectBound(float(changes.max(initial=0.0)), reason)

@@ -32,6 +32,7 @@ from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
+from catoptra_server.effects import SHADED_BY_BODIES
 from catoptra_server.effects.effect_plan import NOT_MEASURED, EffectDecision
 from catoptra_server.frames.plan.camera import OmniCameraSpec
 from catoptra_server.frames.plan.error_bound import (
@@ -450,16 +451,19 @@ def _covered_fraction(dynamic_object: DynamicObject, viewpoint: Floats) -> float
 def explain_raster(
     decisions: tuple[EffectDecision, ...], plan: RenderPlan | PerspectivePlan
 ) -> tuple[EffectDecision, ...]:
-    """Decisions that are off where raster draws no mirrored light, whose bound they keep."""
+    """Decisions that are off where raster draws no mirrored light, whose bound they keep; that of
+    baked light says that bodies shade none of it there."""
     if not plan.renderer.uses_faces:
         return decisions
     note = "raster does not draw it, up to the bound; "
-    return tuple(
-        replace(one, enabled=False, reason=note + one.reason.removeprefix(NOT_MEASURED))
-        if one.effect == _GLOSS and one.enabled
-        else one
-        for one in decisions
-    )
+
+    def explain(one: EffectDecision) -> EffectDecision:
+        if one.effect == _GLOSS and one.enabled:
+            return replace(one, enabled=False, reason=note + one.reason.removeprefix(NOT_MEASURED))
+        reason = one.reason.replace(SHADED_BY_BODIES, "raster draws no shade of bodies; ")
+        return one if reason == one.reason else replace(one, reason=reason)
+
+    return tuple(map(explain, decisions))
 
 
 def explain_limit(

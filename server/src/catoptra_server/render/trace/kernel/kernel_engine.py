@@ -16,8 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from catoptra_protocol.errors import DomainError
-from catoptra_protocol.optics.numerics import Floats
-from catoptra_server.effects import EffectChange, Gains, Threshold
+from catoptra_server.effects import EffectChange, Threshold
 from catoptra_server.render.image_changer import srgb_table
 from catoptra_server.render.renderer import NO_THRESHOLDS, Image, LinearImage
 from catoptra_server.render.trace.kernel.exposure_arrays import (
@@ -81,7 +80,6 @@ from catoptra_server.world.shading import (
     OcclusionMap,
     hemisphere_lights,
     object_lights,
-    open_irradiance,
 )
 from catoptra_server.world.world_description import Light, World
 

@@ -8,8 +8,8 @@ reflect of them is. Source: Cohen & Wallace 1993, "Radiosity and Realistic Image
 form factors by rays.
 
 Probes for what moves stand on a regular grid of the scene's box, each of six nodes that face along
-the axes; one that sees backs, inside a solid or out of a room, has the light of those beside it. Walls
-between two do not count.
+the axes; one that sees backs, inside a solid or out of a room, has the light of those beside it.
+Walls between two do not count.
 
 Passes of 16 rays, each shifted by random numbers of its own, are independent estimates: a node's
 standard error is that of their mean. A tent over three by three nodes takes most noise; where it
@@ -84,7 +84,7 @@ MAX_PASSES = 16
 """However large the errors are."""
 # 256 rays of each take 57 MB while they are kept.
 MAX_NODES = 56_000
-# Of these, six each; a metre apart at least.
+# Beside these, six nodes each; a metre apart at least.
 MAX_PROBES = 1000
 _MIN_PROBE_DISTANCE_M = 1.0
 _MIN_NODE_DISTANCE_M = 0.05
@@ -291,7 +291,7 @@ class LightBake:
             self._layout = lay_out(self._frames, distance_m)
             self._grid_at = self._layout.grid_at()
             is_node = self._grid_at >= 0
-            excess = (np.count_nonzero(is_node) + 6 * num_probes) / MAX_NODES
+            excess = np.count_nonzero(is_node) / MAX_NODES
             if excess <= 1.0 or distance_m > 100.0:
                 break
             distance_m *= max(1.05, float(np.sqrt(excess)))

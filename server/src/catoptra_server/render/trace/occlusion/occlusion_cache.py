@@ -156,10 +156,9 @@ def _read_light(
     parts = {}
     for number, name in enumerate(names):
         own = arrays[size * number : size * (number + 1)]
+        brightest, mean_sky, error = own[len(_ARRAYS) : -len(_PROBE_ARRAYS)]
         probes = LightProbes(*own[-len(_PROBE_ARRAYS) :])
-        parts[name] = NodeLight(
-            _make_map(own), *own[len(_ARRAYS) : -len(_PROBE_ARRAYS)], probes=probes
-        )
+        parts[name] = NodeLight(_make_map(own), brightest, mean_sky, error, probes)
     return parts if all(_is_sound(one.occlusion, num_triangles) for one in parts.values()) else None
 
 

@@ -209,9 +209,7 @@ def _shade_mesh(
     return radiance if mesh.emission is None else radiance + mesh.emission[hits.triangle]
 
 
-def _find_open_parts(
-    objects: Sequence[DynamicObject], points: Floats, normals: Floats
-) -> Floats:
+def _find_open_parts(objects: Sequence[DynamicObject], points: Floats, normals: Floats) -> Floats:
     """(n,) parts of baked light that objects leave to (n, 3) points, world frame."""
     parts = np.ones(len(points))
     for placed in objects:
