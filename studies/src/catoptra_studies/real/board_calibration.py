@@ -156,13 +156,13 @@ def cross_validate(
     )
 
 
-def order_corners(corners_px: Floats, camera: OmniCamera, pose: BoardPose, board: Board) -> Floats:
+def order_corners(corners_px: Floats, camera: OmniCamera, pose: Pose, board: Board) -> Floats:
     """Corners of a twin, counted from the end that a pose begins with.
 
     A board whose rows and columns are both odd looks the same after half a turn: its detector may
     begin at either end.
     """
-    points = pose.mirror_from_board.transform_points(board.points_m)
+    points = pose.transform_points(board.points_m)
     there = camera.pixel_from_direction(points)[0]
     either = (corners_px, corners_px[::-1])
     return min(either, key=lambda corners: float(np.square(corners - there).sum()))

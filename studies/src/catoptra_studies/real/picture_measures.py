@@ -24,8 +24,8 @@ import numpy as np
 from catoptra_client.landmarks.classifier import Histogram, histogram_from_pixels
 from catoptra_protocol.optics.numerics import Bools, Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixel_grid
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_studies.plot_style import Image
-from catoptra_studies.real.board_calibration import BoardPose
 from catoptra_studies.real.photographs import Board, refine_corners
 
 CLASSES = ("black", "white", "room")
@@ -118,10 +118,8 @@ def encoded_level(light: Floats) -> Floats:
     )
 
 
-def measure_picture(
-    rgb: Image, camera: OmniCamera, pose: BoardPose, board: Board
-) -> PictureMeasures:
-    """Measure a picture in which a board has a pose."""
+def measure_picture(rgb: Image, camera: OmniCamera, pose: Pose, board: Board) -> PictureMeasures:
+    """Measure a picture in which a board has a pose, the mirror frame's from the board's."""
     grey = rgb.astype(np.float64) @ (0.299, 0.587, 0.114)
     place = board_coordinates(camera, pose, board)
     widths, incidence = _measure_edges(grey, place, camera, pose, board)
@@ -139,18 +137,17 @@ def measure_picture(
     )  # fmt: skip
 
 
-def board_coordinates(camera: OmniCamera, pose: BoardPose, board: Board) -> Floats:
+def board_coordinates(camera: OmniCamera, pose: Pose, board: Board) -> Floats:
     """(h, w, 2) place on the board's plane that each pixel shows, in squares from the first corner.
 
     NaN where a pixel shows nothing or its ray does not meet the plane.
     """
     directions, is_seen = pixel_directions(camera)
-    where = pose.mirror_from_board
-    normal = where.rotation[:, 2]
+    normal = pose.rotation[:, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        distance = (where.translation @ normal) / (directions @ normal)
-        points = directions * distance[..., None] - where.translation
-        place = points @ where.rotation[:, :2] / board.square_m
+        distance = (pose.translation @ normal) / (directions @ normal)
+        points = directions * distance[..., None] - pose.translation
+        place = points @ pose.rotation[:, :2] / board.square_m
     place[~(is_seen & (distance > 0.0))] = np.nan
     return np.asarray(place)
 
@@ -191,7 +188,7 @@ def pixel_directions(camera: OmniCamera) -> tuple[Floats, Bools]:
 
 
 def _measure_edges(
-    grey: Floats, place: Floats, camera: OmniCamera, pose: BoardPose, board: Board
+    grey: Floats, place: Floats, camera: OmniCamera, pose: Pose, board: Board
 ) -> tuple[Floats, Floats]:
     """Widths of all edges between neighbouring corners that can be fitted, and their angles."""
     columns, rows = board.columns, board.rows
@@ -222,12 +219,10 @@ def _measure_edges(
     return _WIDTH_PER_SIGMA * sigma[is_good], incidence[is_good]
 
 
-def _project(
-    camera: OmniCamera, pose: BoardPose, board: Board, places: Floats
-) -> tuple[Floats, Floats]:
+def _project(camera: OmniCamera, pose: Pose, board: Board, places: Floats) -> tuple[Floats, Floats]:
     """Pixels and angles of places on a board, in squares."""
     points = np.pad(board.square_m * places, ((0, 0), (0, 1)))
-    points = pose.mirror_from_board.transform_points(points)
+    points = pose.transform_points(points)
     angle = np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2])
     return camera.pixel_from_direction(points)[0], np.asarray(angle)
 

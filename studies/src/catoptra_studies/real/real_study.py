@@ -26,6 +26,7 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
+from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.render.renderer import PerPixel, RenderSettings
 from catoptra_server.simulation.robot_description import OmniCameraDescription, PlanarPose
@@ -271,7 +272,7 @@ class _Twins:
                 write_mirror_camera(path, calibration.camera, focal_px=focal_px, vertex_m=VERTEX_M)
             cameras[focal_px] = TwinCamera(path, folder, f"twin_{focal_px:.0f}px")
         measures = tuple(
-            measure_picture(one.rgb, calibration.camera, pose, board)
+            measure_picture(one.rgb, calibration.camera, pose.mirror_from_board, board)
             for one, pose in zip(boards, calibration.poses, strict=True)
         )
         return cls(options, run, calibration, found.jpeg_quality, tuple(boards), measures, cameras)
@@ -334,7 +335,7 @@ class _Twins:
         assert photograph.corners_px is not None, "of photographs with boards"
         return TwinScene(
             photograph.name,
-            find_pose(camera, photograph.corners_px, self.options.board),
+            find_pose(camera, photograph.corners_px, self.options.board).mirror_from_board,
             measures.colour(True),
             measures.colour(False),
             measures.room_colour,
@@ -387,19 +388,19 @@ def _measure_twins(task: _Task) -> dict[str, _TwinSample]:
     found = {}
     for name, picture in pictures.items():
         rgb = code_picture(picture, task.qualities[name])
-        found[name] = _measure_twin(rgb, task.cameras[name].camera, task.scene.pose, board,
+        found[name] = _measure_twin(rgb, task.cameras[name].camera, task.scene.mirror_from_board, board,
                                     keeps_picture=task.number == 0)  # fmt: skip
     return found
 
 
 def _measure_twin(
-    rgb: Image, camera: OmniCamera, pose: BoardPose, board: Board, *, keeps_picture: bool
+    rgb: Image, camera: OmniCamera, pose: Pose, board: Board, *, keeps_picture: bool
 ) -> _TwinSample:
     corners = find_corners(rgb, board)
     square = offset = math.nan
     if corners is not None:
         corners = order_corners(corners, camera, pose, board)
-        points = pose.mirror_from_board.transform_points(board.points_m)
+        points = pose.transform_points(board.points_m)
         off = corners - camera.pixel_from_direction(points)[0]
         offset = math.sqrt(float(np.square(off).sum(axis=1).mean()))
         square = find_pose(camera, corners, board).mean_square_px

@@ -39,7 +39,6 @@ from catoptra_server.simulation.robot_description import OmniCameraDescription
 from catoptra_server.world.objects import NoiseSeed
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_studies.plot_style import Image
-from catoptra_studies.real.board_calibration import BoardPose
 from catoptra_studies.real.photographs import Board
 
 # Black squares lie this far before the white board: no ray of a board as near sees the step.
@@ -54,7 +53,7 @@ class TwinScene:
     """What is drawn for one photograph."""
 
     name: str
-    pose: BoardPose
+    mirror_from_board: Pose
     white: Floats
     """(3,) sRGB levels."""
     black: Floats
@@ -65,7 +64,7 @@ class TwinScene:
 
 def write_world(path: Path, scene: TwinScene, board: Board) -> None:
     """Write the world of a twin."""
-    where = scene.pose.mirror_from_board
+    where = scene.mirror_from_board
     is_behind = bool(where.rotation[:, 2] @ where.translation < 0.0)
     # Half a turn about the board's x axis, so that a rectangle's upper side, -z, is the front.
     facing = where.rotation @ np.diag((1.0, -1.0, -1.0)) if is_behind else where.rotation
