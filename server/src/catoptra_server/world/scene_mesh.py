@@ -369,8 +369,8 @@ def _share_uv(looks: list[MeshAppearance]) -> tuple[Floats, npt.NDArray[np.int32
             distinct[key] = num_rows, look.uv
             num_rows += len(look.uv)
         starts.append(distinct[key][0])
-    # 48 bytes a row of coordinates, and four a triangle for its number.
-    if 12 * num_rows > 11 * sum(len(look.uv) for look in looks):
+    # Rows cost a frame of small triangles a twentieth: not for less than half of the memory.
+    if 2 * num_rows > sum(len(look.uv) for look in looks):
         return _concatenate([look.uv for look in looks]), None
     rows = [
         np.arange(at, at + len(look.uv), dtype=np.int32)

@@ -25,11 +25,12 @@ from catoptra_server.world.world_description import (
     Item,
     Light,
     Material,
+    MeshFile,
     PointLight,
     Rectangle,
     World,
 )
-from helpers.mesh_file_samples import make_quadrant_image
+from helpers.mesh_file_samples import make_quadrant_image, write_textured_gltf
 from helpers.trace_engines import (
     AT_ORIGIN,
     ENGINES,
@@ -89,6 +90,29 @@ def test_texture_on_the_floor_is_upright_from_above(
     make_quadrant_image().save(tmp_path / "q.png")
     image = Material((1.0, 1.0, 1.0), texture=tmp_path / "q.png", unlit=True)
     assert encode_rays(engine, make_floor(image), ((x, y, 0), DOWN)) == [colour]
+
+
+def test_placements_that_share_texture_coordinates_look_as_if_each_had_its_own(
+    engine: EngineName, tmp_path: Path
+) -> None:
+    square = MeshFile(write_textured_gltf(tmp_path))
+    # Aslant, the last one mirrored: its coordinates are shared by no other.
+    scales = [(1.0, 1.0, 1.0)] * 8 + [(-1.0, 1.0, 1.0)]
+    items = [
+        Item(f"i{n}", square, Pose.from_rpy((n, 0, 1), (0.1, 0, 0)), None, unlit=True, scale=scale)
+        for n, scale in enumerate(scales)
+    ]
+    world = World("w", tuple(items))
+    scene = build_scene(world)
+    assert len(scene.uv) == 4
+    alone = replace(scene, uv=scene.corner_uv, uv_rows=None)
+    rng = np.random.default_rng(7)
+    triangle = rng.integers(0, len(scene), 999)
+    points = np.einsum("rc,rci->ri", rng.dirichlet((1, 1, 1), 999), scene.corners[triangle])
+    rays = -scene.normals[triangle], points + 0.01 * scene.normals[triangle]
+    shared = render_rays(engine, world, *rays, scene=scene)
+    assert len(np.unique(shared.round(2), axis=0)) > 4
+    np.testing.assert_array_equal(shared, render_rays(engine, world, *rays, scene=alone))
 
 
 def test_colours_of_corners_are_interpolated_over_a_triangle(engine: EngineName) -> None:
