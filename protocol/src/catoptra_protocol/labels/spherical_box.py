@@ -176,7 +176,7 @@ def _divide(axes: Floats, radius_rad: float) -> Floats:
     across = np.cross(axes, helper)
     across /= hypot(across[:, 0], across[:, 1], across[:, 2])[:, None]
     other = np.cross(axes, across)
-    turns = np.arange(6) * (math.pi / 3.0)
+    turns = np.arange(6.0) * (math.pi / 3.0)
     step = 0.5 * math.sqrt(3.0) * radius_rad
     moved = axes[:, None] + step * (
         cos(turns)[:, None] * across[:, None] + sin(turns)[:, None] * other[:, None]
