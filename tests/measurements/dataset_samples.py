@@ -25,6 +25,7 @@ KINDS = {
     "picture": "",
     "picture, range": "Channels=range",
     "picture, all channels but ids": "Channels=range,normal,point,classes,agreement,flow,valid",
+    "picture, all channels, annotations, compressed": "Channels=all\nCompression=zstd",
     "picture, all channels, annotations": "Channels=all",
 }
 RECIPE = """[Catoptra.Dataset]
@@ -50,14 +51,15 @@ def measure(samples: int) -> str:
             path = folder / "recipe.ini"
             path.write_text(RECIPE.format(samples=samples + 1, channels=channels), "utf-8")
             stage = DatasetStage(read_recipe(path))
-            artists[kind] = SampleDescriber(stage), SampleRenderer(stage)
+            compression = stage.recipe.compression
+            artists[kind] = SampleDescriber(stage), SampleRenderer(stage), compression
         times: dict[str, list[float]] = {kind: [] for kind in KINDS}
         files: dict[str, list[tuple[str, dict[str, bytes]]]] = {kind: [] for kind in KINDS}
         for index in range(samples + 1):
-            for kind, (describer, renderer) in artists.items():
+            for kind, (describer, renderer, compression) in artists.items():
                 begin_s = time.process_time()
                 sample = renderer.render_sample(describer.describe_sample(index))
-                files[kind].append((sample.key, encode_sample(sample)))
+                files[kind].append((sample.key, encode_sample(sample, compression)))
                 times[kind].append(time.process_time() - begin_s)
         for kind in KINDS:
             median_ms = 1e3 * statistics.median(times[kind][1:])

@@ -178,3 +178,101 @@ def test_object_around_with_a_gap_has_an_interval_with_the_gap() -> None:
     assert box.azimuth_width_rad < 2.0 * math.pi - 0.3
     assert not box.contains(np.array(((0.0, -1.0, 0.3),)))[0]
     assert_tight(box, directions)
+
+
+def draw_thing(kind: str, seed: int) -> np.ndarray:
+    """Ids of a thing: a blob, a ring around the image's middle, a quarter or three of a disc that
+    end there, a large disc, or a few pixels next to the middle, where the paper's camera has a
+    pole."""
+    random = np.random.default_rng(seed)
+    rows, columns = np.mgrid[:SIDE_PX, :SIDE_PX] + 0.5 - 0.5 * SIDE_PX
+    distance = np.hypot(rows, columns)
+    inner = random.uniform(5.0, 38.0)
+    away = np.hypot(*(rows - random.uniform(-3, 3), columns - random.uniform(-3, 3)))
+    thing = {
+        "blob": np.hypot(rows - random.uniform(-30, 30), columns - random.uniform(-30, 30))
+        < random.uniform(0.8, 15.0),
+        "ring": (distance > inner) & (distance < inner + random.uniform(2.0, 9.0)),
+        "quarter": (rows < 0) & (columns < 0) & (distance < inner),
+        "three quarters": ~((rows < 0) & (columns < 0)) & (distance < inner),
+        "large": np.hypot(rows - random.uniform(-9, 9), columns) < random.uniform(25, 48),
+        "near": away < random.uniform(0.7, 3.0),
+    }[kind]
+    return thing.astype(np.uint16)
+
+
+def sample_squares(
+    camera: OmniCamera, ids: np.ndarray, rotation: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Directions of 9 x 9 points of each pixel at the outline and of all centres, and the angle of
+    a pixel there."""
+    inside = np.pad(ids, 1)
+    inner = inside[2:, 1:-1] & inside[:-2, 1:-1] & inside[1:-1, 2:] & inside[1:-1, :-2]
+    grid = np.stack(np.meshgrid(*2 * (np.linspace(0.0, 1.0, 9),)), axis=-1).reshape(-1, 2)
+    border = np.argwhere((ids > 0) & (inner == 0))[:, None, ::-1] + grid
+    points = np.concatenate((border.reshape(-1, 2), np.argwhere(ids)[:, ::-1] + 0.5))
+    _, directions, valid = ray_from_pixel(camera, points)
+    points, directions = points[valid], directions[valid]
+    angles = []
+    for step in ((0.01, 0.0), (0.0, 0.01)):
+        ends = [ray_from_pixel(camera, points + np.array(step) * sign) for sign in (1.0, -1.0)]
+        sizes = [np.linalg.norm(end - directions, axis=-1) / 0.01 for _, end, _ in ends]
+        angles.append(np.where(ends[0][2], *sizes))
+    return directions @ rotation.T, np.maximum(*angles)
+
+
+@pytest.mark.parametrize("kind", ["blob", "ring", "quarter", "three quarters", "large", "near"])
+@pytest.mark.parametrize("rotation", [HANGING, TILTED], ids=["hanging", "tilted"])
+def test_boxes_are_within_a_pixel_of_all_points_of_the_squares(
+    camera: OmniCamera, rotation: np.ndarray, kind: str
+) -> None:
+    sphere = PixelSphere(camera, rotation)
+    rows, columns = np.mgrid[:SIDE_PX, :SIDE_PX] + 0.5
+    shown = ray_from_pixel(camera, np.stack((columns, rows), axis=-1))[2]
+    for seed in range(4):
+        ids = draw_thing(kind, seed) * shown.astype(np.uint16)
+        if not ids.any():
+            continue
+        box = sphere.enclose(ids)[1]
+        directions, pixel_rad = sample_squares(camera, ids, rotation)
+        azimuth, elevation = angles_of(directions)
+        low, high = np.argmin(elevation), np.argmax(elevation)
+        assert -0.02 < (elevation[low] - box.elevation_from_rad) / pixel_rad[low] < 1.0
+        assert -0.02 < (box.elevation_to_rad - elevation[high]) / pixel_rad[high] < 1.0
+        assert_azimuths_within_a_pixel(box, azimuth, pixel_rad / np.cos(elevation))
+        assert box.cone.contains(directions, 0.02 * float(pixel_rad.max()))
+        smallest = smallest_cone(directions, box)
+        # Points of a grid come as near to the rim as that.
+        assert box.cone.half_angle_rad < smallest + 0.05 * float(pixel_rad.max())
+
+
+def assert_azimuths_within_a_pixel(
+    box: SphericalBox, azimuth: np.ndarray, pixel_rad: np.ndarray
+) -> None:
+    """Sides of a box within a pixel of the interval that the widest gap leaves."""
+    order = np.argsort(azimuth)
+    along = azimuth[order]
+    gaps = np.append(along[1:], along[0] + 2.0 * math.pi) - along
+    widest = int(np.argmax(gaps))
+    end, begin = order[widest], order[(widest + 1) % len(order)]
+    if box.azimuth_width_rad == 2.0 * math.pi:
+        assert gaps[widest] < pixel_rad[begin] + pixel_rad[end]
+        return
+    sides = (
+        (azimuth[begin] - box.azimuth_from_rad, begin),
+        (box.azimuth_from_rad + box.azimuth_width_rad - azimuth[end], end),
+    )
+    for side, place in sides:
+        loose_px = math.remainder(side, 2.0 * math.pi) / pixel_rad[place]
+        assert -0.05 < loose_px < 1.0
+
+
+def smallest_cone(directions: np.ndarray, box: SphericalBox) -> float:
+    """Half angle of the best of many axes, most of them next to the box's."""
+    random = np.random.default_rng(1)
+    near = box.cone.axis + random.standard_normal((200, 3)) * 10.0 ** -random.uniform(
+        1, 5, (200, 1)
+    )
+    axes = np.concatenate((near, random.standard_normal((400, 3))))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    return float(np.arccos(np.clip((axes @ directions.T).min(axis=1), -1.0, 1.0)).min())

@@ -57,8 +57,7 @@ def find_masks(ids: Ids) -> tuple[ObjectMask, ...]:
     """Masks of all objects of an image, by ascending number; of (h, w) ids, 0 for nothing."""
     height, width = ids.shape
     flat = ids.T.reshape(-1)
-    begins = np.flatnonzero(np.diff(flat, prepend=flat[:1])) if flat.size else np.zeros(0, int)
-    begins = np.concatenate(([0], begins))
+    begins = np.concatenate(([0], np.flatnonzero(np.diff(flat)) + 1))
     ends = np.append(begins[1:], flat.size)
     order = np.argsort(flat[begins], kind="stable")
     order = order[flat[begins[order]] != 0]

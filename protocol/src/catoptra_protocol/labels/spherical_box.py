@@ -176,7 +176,7 @@ def _divide(axes: Floats, radius_rad: float) -> Floats:
     across = np.cross(axes, helper)
     across /= hypot(across[:, 0], across[:, 1], across[:, 2])[:, None]
     other = np.cross(axes, across)
-    turns = np.arange(6) * (math.pi / 3.0)
+    turns = np.arange(6.0) * (math.pi / 3.0)
     step = 0.5 * math.sqrt(3.0) * radius_rad
     moved = axes[:, None] + step * (
         cos(turns)[:, None] * across[:, None] + sin(turns)[:, None] * other[:, None]
@@ -277,9 +277,8 @@ class PixelSphere:
     def enclose(self, ids: Ids) -> dict[int, SphericalBox]:
         """Boxes around the pixels of all objects, by number; of (h, w) numbers, 0 for nothing."""
         owners, places = _find_edges(ids)
-        is_known = self.valid.reshape(-1)[places]
-        if not is_known.all():
-            owners, places = owners[is_known.all(axis=1)], places[is_known.all(axis=1)]
+        is_known = self.valid.reshape(-1)[places].all(axis=1)
+        owners, places = owners[is_known], places[is_known]
         if not owners.size:
             return {}
         firsts = np.flatnonzero(np.diff(owners, prepend=0))
@@ -384,7 +383,8 @@ def _join_intervals(begins: Floats, widths: Floats, firsts: _Indices) -> tuple[F
     """
     counts = np.diff(firsts, append=len(begins))
     group = np.repeat(np.arange(len(firsts)), counts)
-    order = np.argsort(begins + _GROUP_STEP * group)
+    # Stable: keys that round to one another would be in another order on another processor.
+    order = np.argsort(begins + _GROUP_STEP * group, kind="stable")
     begins = begins[order]
     ends = np.maximum.accumulate(begins + widths[order] + _GROUP_STEP * group)
     ends -= _GROUP_STEP * group
