@@ -32,7 +32,28 @@ static void set_cells(LightMap *map, float side) {
     map->cells_per_metre = 1.0f / map->cell_side;
 }
 
-/* Across a directional light: the box around the scene. */
+/* The range of a coordinate without its outermost parts, which few corners are in. */
+static void narrow(const LightMap *map, const MeshArrays *mesh, int is_y, float *low, float *high) {
+    enum { PARTS = 256 };
+    int32_t corners[PARTS] = {0}, most = 3 * mesh->num_triangles / 32;
+    float first = *low, part = fmaxf((*high - first) / PARTS, 1e-6f);
+    for (size_t i = 0; i < 3 * (size_t)mesh->num_triangles; i++) {
+        MapPoint point = project(map, vec3(mesh->corners + 3 * i));
+        int at = (int)(((is_y ? point.y : point.x) - first) / part);
+        corners[at < PARTS ? at : PARTS - 1]++;
+    }
+    int begin = 0, end = PARTS;
+    for (int32_t left_out = 0; (left_out += corners[begin]) <= most;)
+        begin++;
+    for (int32_t left_out = 0; (left_out += corners[end - 1]) <= most;)
+        end--;
+    float margin = 0.125f * (float)(end - begin);
+    *low = fmaxf(first, first + part * ((float)begin - margin));
+    *high = fminf(*high, first + part * ((float)end + margin));
+}
+
+/* Across a directional light: the box around the scene, or around most of it where that is less
+ * than half as wide: around a room, not around the ground outside its windows. */
 static void set_box(LightMap *map, const MeshArrays *mesh) {
     float low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
     for (size_t i = 0; i < 3 * (size_t)mesh->num_triangles; i++) {
@@ -42,9 +63,15 @@ static void set_box(LightMap *map, const MeshArrays *mesh) {
         high[0] = fmaxf(high[0], point.x);
         high[1] = fmaxf(high[1], point.y);
     }
-    map->left = low[0] - map->tolerance;
-    map->top = low[1] - map->tolerance;
-    set_cells(map, fmaxf(high[0] - low[0], high[1] - low[1]) + 2.0f * map->tolerance);
+    float inner_low[2] = {low[0], low[1]}, inner_high[2] = {high[0], high[1]};
+    for (int axis = 0; axis < 2; axis++)
+        narrow(map, mesh, axis, &inner_low[axis], &inner_high[axis]);
+    float side = fmaxf(high[0] - low[0], high[1] - low[1]);
+    float inner = fmaxf(inner_high[0] - inner_low[0], inner_high[1] - inner_low[1]);
+    int is_narrow = inner < 0.5f * side;
+    map->left = (is_narrow ? inner_low : low)[0] - map->tolerance;
+    map->top = (is_narrow ? inner_low : low)[1] - map->tolerance;
+    set_cells(map, (is_narrow ? inner : side) + 2.0f * map->tolerance);
 }
 
 static void insert(MapCell *cell, int32_t surface, float height) {
@@ -146,9 +173,13 @@ static void add_caster(LightMap *map, const MapPoint p[3], int has_holes, int32_
         for (int column = first_column; column <= last_column; column++) {
             float x = map->left + ((float)column + 0.5f) * map->cell_side;
             float y = map->top + ((float)row + 0.5f) * map->cell_side;
-            if (!is_beside_cell(&caster, x, y, half))
-                cast_on_cell(map, &caster, x, y, half, surface,
-                             &map->cells[row * map->side + column]);
+            MapCell *cell = &map->cells[row * map->side + column];
+            int last = map->side - 1, is_border = !row || !column || row == last || column == last;
+            /* What lies outside a box is in its border, wherever it is. */
+            if (is_border && !map->is_perspective)
+                insert(cell, surface, caster.highest);
+            else if (!is_beside_cell(&caster, x, y, half))
+                cast_on_cell(map, &caster, x, y, half, surface, cell);
         }
 }
 

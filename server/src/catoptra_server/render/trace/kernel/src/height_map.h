@@ -11,8 +11,8 @@
 
 #include <stddef.h>
 
-/* 1 MB of cells: finer maps prove more, but wait for memory, and take 1.04 to 1.08 of the time. */
-enum { MAP_SIDE = 256, FACE_SIDE = 128, FACES = 6 };
+/* 4 MB of cells. */
+enum { MAP_SIDE = 512, FACE_SIDE = 128, FACES = 6 };
 /* Faces reach beyond the side of their cube, for parts of the image that lie on two. */
 #define FACE_REACH 1.25f
 /* Maps of the first point lights only: a megabyte and a half each. */

@@ -36,20 +36,21 @@ static void set_dual(const Vec3 corners[3], ShortTriangle *triangle) {
     int is_small = longest < SMALL * nearest;
     float across = is_small ? 2.0f * longest : 0.0f;
     float product = is_small ? length[0] * longest * longest : length[0] * length[1] * length[2];
-    Vec3 last = is_small ? cross(edge[0], edge[1]) : cross(corners[1], corners[2]);
-    float volume = dot(corners[0], last);
+    Vec3 plane = cross(edge[0], edge[1]);
+    float volume = dot(corners[0], is_small ? plane : cross(corners[1], corners[2]));
     /* Its plane holds the viewpoint: any size does, since no distance follows. */
     triangle->is_line = !(fabsf(volume) > MIN_VOLUME * product);
     if (triangle->is_line)
         volume = product;
-    triangle->sum_error = 0.0f;
+    /* The plane's own normal is the sum of the duals, with fewer roundings. */
+    triangle->sum = scale(1.0f / volume, plane);
+    triangle->sum_error = 2.0f * PRODUCT_ERROR * length_of(triangle->sum);
     for (int i = 0; i < 3; i++) {
         int from = (i + 1) % 3, to = (i + 2) % 3;
         Vec3 normal = cross(corners[from], is_small ? edge[from] : corners[to]);
         triangle->dual[i] = scale(1.0f / volume, normal);
         triangle->error[i] = PRODUCT_ERROR * length[from] * (is_small ? across : length[to]) /
                              fabsf(volume);
-        triangle->sum_error += triangle->error[i];
     }
 }
 
@@ -63,8 +64,7 @@ static int allow_origins(float radius, ShortTriangle *triangle) {
         return 1;
     if (triangle->is_line)
         return 0;
-    Vec3 sum = add(add(triangle->dual[0], triangle->dual[1]), triangle->dual[2]);
-    float length = length_of(sum);
+    float length = length_of(triangle->sum);
     if (!(length * radius <= MAX_NEARNESS))
         return 0;
     triangle->sum_error = 4.0f * triangle->sum_error + ORIGIN_ERROR * length;
@@ -158,7 +158,7 @@ test_triangle(const ShortTriangle *t, int32_t index, Vectors directions, int has
               Vectors origins, Nearest *found) {
     Floats16 first = project(t->dual[0], directions), second = project(t->dual[1], directions);
     Floats16 third = project(t->dual[2], directions);
-    Floats16 inverse = first + second + third;
+    Floats16 inverse = project(t->sum, directions);
     if (t->is_line) {
         /* Of one sign are those that may meet it, at any distance. */
         Ints16 is_beside =
@@ -170,7 +170,7 @@ test_triangle(const ShortTriangle *t, int32_t index, Vectors directions, int has
     if (has_origins) {
         Floats16 u = project(t->dual[0], origins), v = project(t->dual[1], origins);
         Floats16 w = project(t->dual[2], origins);
-        inverse = inverse / (1.0f - (u + v + w));
+        inverse = inverse / (1.0f - project(t->sum, origins));
         first += inverse * u;
         second += inverse * v;
         third += inverse * w;

@@ -12,10 +12,10 @@
 
 enum { MAX_SHORT = 12 };
 
-/* A triangle as a basis: the components of a unit direction, and their sum, are the barycentric
- * weights of the point that it meets, and 1, over the distance. */
+/* A triangle as a basis: the components of a unit direction, and its product with the basis's sum,
+ * are the barycentric weights of the point that it meets, and 1, over the distance. */
 typedef struct {
-    Vec3 dual[3];
+    Vec3 dual[3], sum;
     float error[3];  /* bounds of the components' rounding errors */
     float sum_error; /* bound of the sum's */
     int32_t triangle;
