@@ -359,7 +359,8 @@ void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *
     else
         look_up(state, rays, hits, &surface, radiance);
     if (triangle < 0 && state->scene->sky)
-        show_sky(state->scene, rays, hits, radiance);
+        show_sky(state->scene, rays, bits16(load_ints16(hits->object) == OBJECT_NONE) & rays->active,
+                 radiance);
     surface.dim = is_open ? 0 : surface.dim;
     if (!surface.computed) {
         hide_sky(state, surface.dim, 0, rays, hits, radiance);

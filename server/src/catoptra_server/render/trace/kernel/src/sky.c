@@ -51,10 +51,10 @@ static inline void add_texels(Ints16 packed, Floats16 weight, Floats16 sums[3]) 
     }
 }
 
-void show_sky(const Scene *scene, const RayBlock *rays, const HitBlock *hits,
+void show_sky(const Scene *scene, const RayBlock *rays, uint32_t mask,
               float radiance[3][BLOCK_RAYS]) {
-    Ints16 is_open = (load_ints16(hits->object) == OBJECT_NONE) & mask16(rays->active);
-    if (!bits16(is_open))
+    Ints16 is_open = mask16(mask);
+    if (!mask)
         return;
     int32_t stride = scene->sky_size + 2;
     Floats16 column, row, sums[3] = {{0}, {0}, {0}};

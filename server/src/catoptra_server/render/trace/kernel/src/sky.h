@@ -4,8 +4,8 @@
 
 #include "ray_block.h"
 
-/* Radiance of the rays of a block that meet nothing; all others are left as they are. */
-void show_sky(const Scene *scene, const RayBlock *rays, const HitBlock *hits,
+/* Radiance of a mask of rays, which meet nothing; all others are left as they are. */
+void show_sky(const Scene *scene, const RayBlock *rays, uint32_t mask,
               float radiance[3][BLOCK_RAYS]);
 
 #endif

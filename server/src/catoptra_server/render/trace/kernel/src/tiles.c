@@ -21,6 +21,7 @@
 #include "plane_light.h"
 #include "ranges.h"
 #include "shading.h"
+#include "sky.h"
 
 #include <math.h>
 #include <string.h>
@@ -744,6 +745,24 @@ static int fill_textured_tile(const FrameState *state, int tile, const TileConte
     return 1;
 }
 
+/* Draw a tile of clear sky; 0 if it shows more, or more is wanted of it. */
+static int fill_sky_tile(const FrameState *state, int tile, const TileContent *content) {
+    int blocks = state->rays->samples * state->rays->samples;
+    PixelSums sums;
+    if (content->triangle != SURFACE_BACKGROUND || !state->scene->sky || state->plan ||
+        state->frame->inverse_range || has_fog(state) || !may_fill(state, tile, content))
+        return 0;
+    for (int block = 0; block < blocks; block++) {
+        _Alignas(64) float radiance[3][BLOCK_RAYS];
+        RayBlock rays;
+        load_block(state, (size_t)tile * (size_t)blocks + (size_t)block, &rays);
+        show_sky(state->scene, &rays, 0xffff, radiance);
+        add_samples(state, block, 0xffff, radiance, &sums);
+    }
+    write_pixels(state, tile, &sums);
+    return 1;
+}
+
 /* Draw a tile of one radiance, in one air; 0 if it has several. */
 static int fill_single_tile(const FrameState *state, int tile, const TileContent *content) {
     PlaneLight light;
@@ -773,7 +792,7 @@ void render_tile(const FrameState *state, int tile, const TileContent *content) 
         flow_tile(state, tile);
         return;
     }
-    if (fill_single_tile(state, tile, content)) {
+    if (fill_single_tile(state, tile, content) || fill_sky_tile(state, tile, content)) {
         if (state->frame->labels)
             label_filled_tile(state, tile, content);
         return;
