@@ -1,4 +1,4 @@
-"""Pictures of boards in known poses, in place of photographs, by a camera whose effects are known."""
+"""Pictures of boards in known poses, by a camera whose effects are known: for photographs."""
 
 from __future__ import annotations
 

@@ -102,8 +102,6 @@ class StudyResult:
     """Everything that the report says."""
 
     photographs: PhotographSet
-    is_mirrored: bool
-    """Whether the pictures are turned round against the camera file."""
     calibration: Calibration
     validated: tuple[BoardPose, ...]
     """Poses by cameras that were fitted to the other half."""
@@ -164,7 +162,6 @@ def _run_study(options: StudyOptions, run: _Workers, on_step: Callable[[], None]
     clean = [one[CLEAN].corner_offset_px for one in each]
     return StudyResult(
         found,
-        False,
         calibration,
         validated,
         np.concatenate([measure_straightness_px(calibration.camera, c, board) for c in corners]),
@@ -333,9 +330,10 @@ class _Twins:
     def _scene(self, number: int, camera: OmniCamera) -> TwinScene:
         photograph, measures = self.photographs[number], self.measures[number]
         assert photograph.corners_px is not None, "of photographs with boards"
+        pose = find_pose(camera, photograph.corners_px, self.options.board)
         return TwinScene(
             photograph.name,
-            find_pose(camera, photograph.corners_px, self.options.board).mirror_from_board,
+            pose.mirror_from_board,
             measures.colour(True),
             measures.colour(False),
             measures.room_colour,
@@ -348,7 +346,9 @@ def _fit(
 ) -> tuple[CameraParameters, dict[float, float]]:
     """Parameters of the photographs' camera; a camera without a mirror keeps its lens."""
     count = len(twins.photographs)
-    chosen = sorted({round(n) for n in np.linspace(0, count - 1, min(count, options.num_fitted))})
+    chosen = sorted(
+        {round(n) for n in np.linspace(0, count - 1, min(max(3, count // 2), options.num_fitted))}
+    )
 
     def draw(p: CameraParameters) -> list[PictureMeasures]:
         has_mirror = twins.camera(p.focal_px).has_mirror
