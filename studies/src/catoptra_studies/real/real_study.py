@@ -26,7 +26,6 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
-from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.render.renderer import PerPixel, RenderSettings
 from catoptra_server.simulation.robot_description import OmniCameraDescription, PlanarPose
@@ -388,14 +387,12 @@ def _measure_twins(task: _Task) -> dict[str, _TwinSample]:
     found = {}
     for name, picture in pictures.items():
         rgb = code_picture(picture, task.qualities[name])
-        found[name] = _measure_twin(rgb, task.cameras[name].camera, task.scene.mirror_from_board, board,
-                                    keeps_picture=task.number == 0)  # fmt: skip
+        found[name] = _measure_twin(rgb, task, task.cameras[name].camera)
     return found
 
 
-def _measure_twin(
-    rgb: Image, camera: OmniCamera, pose: Pose, board: Board, *, keeps_picture: bool
-) -> _TwinSample:
+def _measure_twin(rgb: Image, task: _Task, camera: OmniCamera) -> _TwinSample:
+    board, pose = task.options.board, task.scene.mirror_from_board
     corners = find_corners(rgb, board)
     square = offset = math.nan
     if corners is not None:
@@ -406,7 +403,7 @@ def _measure_twin(
         square = find_pose(camera, corners, board).mean_square_px
     measures = measure_picture(rgb, camera, pose, board)
     sample = Sample(measures, square, math.nan, _false_share(rgb, camera))
-    return _TwinSample(sample, corners, offset, rgb if keeps_picture else None)
+    return _TwinSample(sample, corners, offset, rgb if task.number == 0 else None)
 
 
 def _with_calibration(
