@@ -1,4 +1,4 @@
-"""Pictures of boards in known poses, in place of photographs, by a camera whose effects are known."""
+"""Pictures of boards in known poses, by a camera whose effects are known: for photographs."""
 
 from __future__ import annotations
 
@@ -65,7 +65,12 @@ def known_poses(count: int, board: Board = BOARD) -> tuple[Pose, ...]:
 
 
 def write_pictures(
-    folder: Path, camera_file: Path, poses: Sequence[Pose], *, effects: Sequence[str] = ()
+    folder: Path,
+    camera_file: Path,
+    poses: Sequence[Pose],
+    *,
+    effects: Sequence[str] = (),
+    board: Board = BOARD,
 ) -> KnownPictures:
     """Draw boards and write the pictures as PNG, into a folder of their own."""
     pictures = folder / "pictures"
@@ -74,7 +79,7 @@ def write_pictures(
     camera = twin.with_effects(effects)
     grey = [np.full(3, level) for level in (WHITE, BLACK, ROOM)]
     for number, pose in enumerate(poses):
-        write_world(folder / "own_world.ini", TwinScene("own", pose, *grey, 0), BOARD)
+        write_world(folder / "own_world.ini", TwinScene("own", pose, *grey, 0), board)
         rgb = draw_twins(folder / "own_world.ini", {"own": camera}, exposure=100 + number)["own"]
         PillowImage.fromarray(rgb).save(pictures / f"picture{number}.png")
     return KnownPictures(pictures, camera.camera, tuple(poses))

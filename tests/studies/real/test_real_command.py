@@ -86,9 +86,10 @@ def turn_round(folder: Path) -> None:
 def add_a_huge_one(folder: Path) -> None:
     """A PNG of 10^9 px by its header alone."""
     header = struct.pack(">IIBBBBB", 40_000, 25_000, 8, 2, 0, 0, 0)
-    chunk = b"IHDR" + header
-    data = struct.pack(">I", len(header)) + chunk + struct.pack(">I", zlib.crc32(chunk))
-    (folder / "picture0.png").write_bytes(b"\x89PNG\r\n\x1a\n" + data)
+    data = b"\x89PNG\r\n\x1a\n"
+    for chunk in (b"IHDR" + header, b"IDAT" + bytes(8)):
+        data += struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    (folder / "picture0.png").write_bytes(data)
 
 
 def break_one(folder: Path) -> None:

@@ -157,15 +157,15 @@ def cross_validate(
 
 
 def order_corners(corners_px: Floats, camera: OmniCamera, pose: Pose, board: Board) -> Floats:
-    """Corners of a twin, counted from the end that a pose begins with.
+    """Corners of a twin, counted from the corner that a pose begins with.
 
-    A board whose rows and columns are both odd looks the same after half a turn: its detector may
-    begin at either end.
+    Boards look the same after half a turn, and turned round; a detector may begin anywhere.
     """
     points = pose.transform_points(board.points_m)
     there = camera.pixel_from_direction(points)[0]
-    either = (corners_px, corners_px[::-1])
-    return min(either, key=lambda corners: float(np.square(corners - there).sum()))
+    grid = corners_px.reshape(board.rows, board.columns, 2)
+    orders = (grid[::down, ::right].reshape(-1, 2) for down in (1, -1) for right in (1, -1))
+    return min(orders, key=lambda corners: float(np.square(corners - there).sum()))
 
 
 def measure_straightness_px(camera: OmniCamera, corners_px: Floats, board: Board) -> Floats:

@@ -35,7 +35,8 @@ FOCAL_LENGTHS_PX = (400.0, 600.0, 800.0, 1200.0, 2000.0)
 _SIGMA_PER_WIDTH = 1.0 / 2.5631
 _BINS_DEG = np.arange(50.0, 121.0, 7.0)
 _MIN_EDGES = 12
-_NUM_FOCI = 400
+# Depths from the pinhole at which the lens may be sharp, over the viewpoint's.
+_NUM_FOCI, _FOCUS_REACH = 60, (0.7, 6.0)
 _F_NUMBERS = (0.7, 64.0)
 
 
@@ -117,22 +118,21 @@ def fit_blur(
     best, left_by_focal = (math.inf, start), {}
     for focal_px, camera in cameras.items():
         radius = camera.radius_px_from_t(np.tan(0.5 * photographs.incidence_rad))
-        found = min(
-            (_fit_aperture(camera, radius, range_m, excess, focus)
-             for focus in _candidate_foci(camera)),
-            key=lambda one: one[0],
-        )  # fmt: skip
+        found = math.inf, 1.0, 1.0
+        vertex_m = camera.mirror.pinhole_distance_m
+        low, high = (reach * vertex_m for reach in _FOCUS_REACH)
+        # The best of a coarse grid, then of a fine one around it.
+        for _ in range(2):
+            grid = np.geomspace(low, high, _NUM_FOCI)
+            each = [_fit_aperture(camera, radius, range_m, excess, focus) for focus in grid]
+            found = min(found, *each)
+            step = grid[1] / grid[0]
+            low, high = found[2] / step, found[2] * step
         total, f_number, focus_m = found
         left_by_focal[focal_px] = total
         if total < best[0]:
             best = total, replace(start, focal_px=focal_px, f_number=f_number, focus_m=focus_m)
     return best[1], left_by_focal
-
-
-def _candidate_foci(camera: OmniCamera) -> Floats:
-    """Depths from the pinhole at which the lens may be sharp, from before the mirror on."""
-    vertex_m = camera.mirror.pinhole_distance_m
-    return vertex_m * np.geomspace(0.7, 6.0, _NUM_FOCI)
 
 
 def _fit_aperture(

@@ -187,12 +187,11 @@ def _bootstrap(rows: Rows, statistic: Callable[[Mapping[str, Floats]], float]) -
         return Estimate(math.nan, math.nan, math.nan, count)
     kept = {name: each[present] for name, each in rows.items()}
     value = statistic({name: each.mean(axis=0) for name, each in kept.items()})
-    generator = np.random.default_rng((_SEED, count))
-    drawn = []
-    for _ in range(_NUM_DRAWS):
-        chosen = generator.integers(count, size=count)
-        drawn.append(statistic({name: each[chosen].mean(axis=0) for name, each in kept.items()}))
-    low, high = np.nanpercentile(drawn, (2.5, 97.5))
+    chosen = np.random.default_rng((_SEED, count)).integers(count, size=(_NUM_DRAWS, count))
+    means = {name: each[chosen].mean(axis=1) for name, each in kept.items()}
+    drawn = [statistic({name: each[n] for name, each in means.items()}) for n in range(_NUM_DRAWS)]
+    finite = [each for each in drawn if math.isfinite(each)] or [math.nan]
+    low, high = np.percentile(finite, (2.5, 97.5))
     return Estimate(value, float(low), float(high), count)
 
 

@@ -28,6 +28,8 @@ _SUFFIXES = (".jpg", ".jpeg", ".png")
 _MAX_PIXELS = 2**26
 # No histogram is normalized: behind a room of one colour that would merge the squares of a twin.
 _FLAGS = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+# Of a corner off the middle of its neighbours, over their distance: 0.09 at most in photographs.
+_MAX_UNEVENNESS = 0.15
 # A half of them has to calibrate a camera, which the other half tests.
 _MIN_BOARDS = 4
 _QUALITIES = range(30, 101)
@@ -117,10 +119,34 @@ def read_photographs(folder: Path, board: Board, size_px: tuple[int, int]) -> Ph
 
 
 def find_corners(rgb: Image, board: Board) -> Floats | None:
-    """(rows * columns, 2) inner corners in a picture, pixel centres at +0.5; None if not found."""
+    """(rows * columns, 2) inner corners in a picture, pixel centres at +0.5; None if not found.
+
+    Where the detector misplaces a corner, as it does in one of 16 sharp twins, the picture is
+    enlarged twofold and searched again.
+    """
     grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
+    corners = _detect(grey, board)
+    if corners is None or _is_even(corners, board):
+        return corners
+    enlarged = cv2.resize(grey, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC)
+    again = _detect(enlarged, board)
+    return corners if again is None else 0.5 * again
+
+
+def _detect(grey: Any, board: Board) -> Floats | None:
     found, corners = cv2.findChessboardCornersSB(grey, (board.columns, board.rows), flags=_FLAGS)
     return corners.reshape(-1, 2).astype(np.float64) + 0.5 if found else None
+
+
+def _is_even(corners_px: Floats, board: Board) -> bool:
+    """Whether each corner lies near the middle of its neighbours, along rows and columns."""
+    grid = corners_px.reshape(board.rows, board.columns, 2)
+    for lines in (grid, grid.transpose(1, 0, 2)):
+        span = np.linalg.norm(lines[:, 2:] - lines[:, :-2], axis=-1)
+        off = np.linalg.norm(lines[:, 1:-1] - 0.5 * (lines[:, 2:] + lines[:, :-2]), axis=-1)
+        if (off > _MAX_UNEVENNESS * span).any():
+            return False
+    return True
 
 
 def code_picture(rgb: Image, jpeg_quality: int | None) -> Image:

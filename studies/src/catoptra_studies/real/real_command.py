@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from catoptra_protocol.command_line import CommandParser
+from catoptra_server.config.camera_file import read_camera_file
 from catoptra_server.config.known_names import find_configuration
 from catoptra_studies.commands import (
     add_output,
@@ -73,7 +74,7 @@ def main(arguments: Sequence[str]) -> int:
     if parsed.page:
         _write_page(parsed.page, result, options)
     if parsed.fitted:
-        _write_fitted_camera(parsed.fitted, result)
+        _write_fitted_camera(parsed.fitted, result, options)
     print_line(_describe_check(result, options))
     print_line(f"written: {report}")
     return 0
@@ -299,7 +300,7 @@ def _write_page(path: Path, result: StudyResult, options: StudyOptions) -> None:
     replace_block(path, _BLOCK, "\n\n".join(parts))
 
 
-def _write_fitted_camera(path: Path, result: StudyResult) -> None:
+def _write_fitted_camera(path: Path, result: StudyResult, options: StudyOptions) -> None:
     focal_px = result.parameters.focal_px
     write_mirror_camera(
         path,
@@ -307,4 +308,5 @@ def _write_fitted_camera(path: Path, result: StudyResult) -> None:
         focal_px=focal_px,
         vertex_m=VERTEX_M,
         effects=result.camera_lines,
+        origin=read_camera_file(options.camera_file),
     )

@@ -26,7 +26,6 @@ from catoptra_protocol.errors import CatoptraError
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.radial_camera import Picture
-from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.render.renderer import PerPixel, RenderSettings
 from catoptra_server.simulation.robot_description import OmniCameraDescription, PlanarPose
@@ -102,8 +101,6 @@ class StudyResult:
     """Everything that the report says."""
 
     photographs: PhotographSet
-    is_mirrored: bool
-    """Whether the pictures are turned round against the camera file."""
     calibration: Calibration
     validated: tuple[BoardPose, ...]
     """Poses by cameras that were fitted to the other half."""
@@ -164,7 +161,6 @@ def _run_study(options: StudyOptions, run: _Workers, on_step: Callable[[], None]
     clean = [one[CLEAN].corner_offset_px for one in each]
     return StudyResult(
         found,
-        False,
         calibration,
         validated,
         np.concatenate([measure_straightness_px(calibration.camera, c, board) for c in corners]),
@@ -333,9 +329,10 @@ class _Twins:
     def _scene(self, number: int, camera: OmniCamera) -> TwinScene:
         photograph, measures = self.photographs[number], self.measures[number]
         assert photograph.corners_px is not None, "of photographs with boards"
+        pose = find_pose(camera, photograph.corners_px, self.options.board)
         return TwinScene(
             photograph.name,
-            find_pose(camera, photograph.corners_px, self.options.board).mirror_from_board,
+            pose.mirror_from_board,
             measures.colour(True),
             measures.colour(False),
             measures.room_colour,
@@ -348,7 +345,9 @@ def _fit(
 ) -> tuple[CameraParameters, dict[float, float]]:
     """Parameters of the photographs' camera; a camera without a mirror keeps its lens."""
     count = len(twins.photographs)
-    chosen = sorted({round(n) for n in np.linspace(0, count - 1, min(count, options.num_fitted))})
+    chosen = sorted(
+        {round(n) for n in np.linspace(0, count - 1, min(max(3, count // 2), options.num_fitted))}
+    )
 
     def draw(p: CameraParameters) -> list[PictureMeasures]:
         has_mirror = twins.camera(p.focal_px).has_mirror
@@ -388,14 +387,12 @@ def _measure_twins(task: _Task) -> dict[str, _TwinSample]:
     found = {}
     for name, picture in pictures.items():
         rgb = code_picture(picture, task.qualities[name])
-        found[name] = _measure_twin(rgb, task.cameras[name].camera, task.scene.mirror_from_board, board,
-                                    keeps_picture=task.number == 0)  # fmt: skip
+        found[name] = _measure_twin(rgb, task, task.cameras[name].camera)
     return found
 
 
-def _measure_twin(
-    rgb: Image, camera: OmniCamera, pose: Pose, board: Board, *, keeps_picture: bool
-) -> _TwinSample:
+def _measure_twin(rgb: Image, task: _Task, camera: OmniCamera) -> _TwinSample:
+    board, pose = task.options.board, task.scene.mirror_from_board
     corners = find_corners(rgb, board)
     square = offset = math.nan
     if corners is not None:
@@ -406,7 +403,7 @@ def _measure_twin(
         square = find_pose(camera, corners, board).mean_square_px
     measures = measure_picture(rgb, camera, pose, board)
     sample = Sample(measures, square, math.nan, _false_share(rgb, camera))
-    return _TwinSample(sample, corners, offset, rgb if keeps_picture else None)
+    return _TwinSample(sample, corners, offset, rgb if task.number == 0 else None)
 
 
 def _with_calibration(

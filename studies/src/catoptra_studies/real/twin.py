@@ -25,7 +25,7 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.config.camera_file import carry_camera, read_camera_file
+from catoptra_server.config.camera_file import CameraFile, carry_camera, read_camera_file
 from catoptra_server.config.robot_file import read_robot
 from catoptra_server.config.world_file import read_world
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
@@ -99,7 +99,13 @@ def write_world(path: Path, scene: TwinScene, board: Board) -> None:
 
 
 def write_mirror_camera(
-    path: Path, camera: OmniCamera, *, focal_px: float, vertex_m: float, effects: Sequence[str] = ()
+    path: Path,
+    camera: OmniCamera,
+    *,
+    focal_px: float,
+    vertex_m: float,
+    effects: Sequence[str] = (),
+    origin: CameraFile | None = None,
 ) -> None:
     """Write the camera file of the mirror that has a camera's image radii.
 
@@ -109,22 +115,24 @@ def write_mirror_camera(
         focal_px: Focal length of the capture lens.
         vertex_m: Distance from the capture lens's pinhole to the mirror's vertex.
         effects: Further lines of the capture camera's section.
+        origin: File of the camera whose twin it is, for title and licence.
     """
+    title, licence = (origin.title, origin.licence) if origin else ("A lens", "none")
     rim_deg = math.degrees(camera.rim_rad)
     angles = np.linspace(0.0, rim_deg, math.ceil(rim_deg / _KNOT_DEG) + 1)
     radii = camera.radius_px_from_t(np.tan(0.5 * np.radians(angles)))
     lines = [
         "[Camera]",
         "ItemClass=Catoptra.RadialTableMirror",
-        'Title="Twin of a real mirror"',
-        'Source="catoptra-studies real"',
-        'Licence="as the photographs"',
+        f'Title="{title}, as a mirror below its capture lens"',
+        'Source="catoptra-studies real; the source of each number is beside it"',
+        f'Licence="{licence}"',
         "",
         "[Catoptra.RadialTableMirror]",
         "Angles=" + ",".join(f"{angle:.6f}" for angle in angles),
         "Radii=" + ",".join(f"{radius:.4f}" for radius in radii),
-        f"FocalLength={focal_px:.3f}          ; px, of the capture lens",
-        f"VertexDistance={vertex_m:g}",
+        f"FocalLength={focal_px:.3f}       ; px, of the capture lens, by the edges' widths",
+        f"VertexDistance={vertex_m:g}          ; assumed, m: scales FNumber alone",
         f"RimAngle={rim_deg - 1e-4:.4f}",
         "Central=always",
         "",

@@ -1,0 +1,182 @@
+"""Pictures of our own with known effects in place of photographs: the measures find them again."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image as PillowImage
+
+from catoptra_protocol.optics.numerics import Floats
+from catoptra_protocol.optics.omni_camera import OmniCamera
+from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects.kernels.lens_blur import Aperture, circle_of_confusion
+from catoptra_studies.plot_style import Image
+from catoptra_studies.real.board_calibration import Calibration, calibrate, order_corners
+from catoptra_studies.real.photographs import Board, find_corners
+from catoptra_studies.real.picture_measures import (
+    PictureMeasures,
+    encoded_level,
+    linear_light,
+    measure_picture,
+    shading_loss,
+)
+from catoptra_studies.real.twin import TwinCamera, write_mirror_camera
+from helpers.board_pictures import (
+    BLACK,
+    BOARD,
+    WHITE,
+    KnownPictures,
+    known_poses,
+    write_lens,
+    write_pictures,
+)
+
+FOCAL_PX, F_NUMBER, FOCUS_M, PITCH_M = 400.0, 3.0, 0.097, 7.4e-6
+KAIDAN_BOARD = Board(11, 7, 0.03)
+FULL_WELL_E, READ_NOISE_E = 2000.0, 10.0
+
+
+def read(known: KnownPictures) -> list[Image]:
+    paths = sorted(known.folder.glob("*.png"))
+    return [np.asarray(PillowImage.open(path)) for path in paths]
+
+
+def measure(known: KnownPictures) -> list[PictureMeasures]:
+    return [
+        measure_picture(rgb, known.camera, pose, BOARD)
+        for rgb, pose in zip(read(known), known.poses, strict=True)
+    ]
+
+
+@pytest.fixture(scope="module")
+def mirror_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("mirror")
+    lens = TwinCamera(write_lens(folder / "lens.ini", 640), folder, "tripod").camera
+    path = folder / "mirror.ini"
+    write_mirror_camera(path, lens, focal_px=FOCAL_PX, vertex_m=0.1)
+    return path
+
+
+@pytest.fixture(scope="module")
+def lens_pictures(tmp_path_factory: pytest.TempPathFactory) -> KnownPictures:
+    folder = tmp_path_factory.mktemp("lens")
+    camera = write_lens(folder / "lens.ini", 640)
+    return write_pictures(folder, camera, known_poses(8, KAIDAN_BOARD), board=KAIDAN_BOARD)
+
+
+@pytest.fixture(scope="module")
+def calibration(lens_pictures: KnownPictures) -> Calibration:
+    """Calibration by the pictures alone, from a camera that is wrong by some per cent."""
+    truth = lens_pictures.camera
+    start = dataclasses.replace(
+        truth, scale_px=1.02 * truth.scale_px, centre_px=(truth.centre_px[0] + 3.0, 245.0)
+    )
+    corners = [
+        order_corners(found, truth, pose, KAIDAN_BOARD)
+        for rgb, pose in zip(read(lens_pictures), lens_pictures.poses, strict=True)
+        if (found := find_corners(rgb, KAIDAN_BOARD)) is not None
+    ]
+    assert len(corners) == 8
+    return calibrate(start, corners, KAIDAN_BOARD)
+
+
+def test_poses_are_found_within_a_millimetre_and_a_tenth_of_a_degree(
+    lens_pictures: KnownPictures, calibration: Calibration
+) -> None:
+    for found, pose in zip(calibration.poses, lens_pictures.poses, strict=True):
+        off = found.mirror_from_board.inverse() @ pose
+        middle = pose.transform_points(KAIDAN_BOARD.points_m.mean(axis=0))
+        there = found.mirror_from_board.transform_points(KAIDAN_BOARD.points_m.mean(axis=0))
+        assert np.linalg.norm(there - middle) <= 1e-3
+        assert math.degrees(2.0 * math.acos(min(1.0, abs(off.quaternion[3])))) <= 0.1
+
+
+def test_radial_function_is_found_within_0_3_px(
+    lens_pictures: KnownPictures, calibration: Calibration
+) -> None:
+    t = np.tan(0.5 * np.radians(np.linspace(54.0, 120.0, 34)))
+    off_px = calibration.camera.radius_px_from_t(t) - lens_pictures.camera.radius_px_from_t(t)
+    assert np.abs(off_px).max() <= 0.3
+
+
+def disc_width_px(diameter_px: float) -> float:
+    """10 to 90 % of an edge behind a disc and a pixel, in encoded levels, by numbers alone."""
+    x = np.arange(-8.0, 8.0, 0.01)
+    chord = np.sqrt(np.maximum(0.25 * diameter_px**2 - np.square(x), 0.0)) + 1e-12
+    step = np.cumsum(np.convolve(chord, np.abs(x) <= 0.5, mode="same"))
+    low, high = (float(linear_light(np.array(level))) for level in (BLACK, WHITE))
+    levels = encoded_level(low + (high - low) * step / step[-1])
+    share = (levels - BLACK) / (WHITE - BLACK)
+    return float(np.interp(0.9, share, x) - np.interp(0.1, share, x))
+
+
+def expected_width_px(camera: OmniCamera, incidence_rad: Floats, range_m: float) -> float:
+    radius = camera.radius_px_from_t(np.tan(0.5 * incidence_rad))
+    discs = circle_of_confusion(Aperture(F_NUMBER, PITCH_M, FOCUS_M), camera, radius)
+    return float(np.median([disc_width_px(d) for d in discs.diameter_px(np.array(range_m))[::5]]))
+
+
+def test_edge_width_of_known_defocus_is_found_within_10_per_cent(
+    mirror_file: Path, tmp_path: Path
+) -> None:
+    lens = (f"FNumber={F_NUMBER}", f"PixelPitch={PITCH_M}", f"FocusDistance={FOCUS_M}")
+    known = write_pictures(
+        tmp_path, mirror_file, known_poses(3),
+        effects=("Defocus=always", "DefocusByDepth=always", *lens),
+    )  # fmt: skip
+    found = measure(known)
+    for one in found:
+        expected = expected_width_px(known.camera, one.edge_incidence_rad, 0.3)
+        assert expected > 1.3
+        assert one.edge_width_px == pytest.approx(expected, rel=0.1)
+
+
+def test_noise_of_known_sensor_is_found_within_10_per_cent(
+    mirror_file: Path, tmp_path: Path
+) -> None:
+    effects = ("ShotNoise=always", "ReadNoise=always", f"FullWell={FULL_WELL_E}",
+               f"ReadNoiseElectrons={READ_NOISE_E}")  # fmt: skip
+    known = write_pictures(tmp_path, mirror_file, known_poses(3), effects=effects)
+    found = measure(known)
+    for is_white, level in ((True, WHITE), (False, BLACK)):
+        light = float(linear_light(np.array(level)))
+        deviation = math.sqrt(light / FULL_WELL_E + (READ_NOISE_E / FULL_WELL_E) ** 2)
+        slope = float(encoded_level(np.array(light + 1e-5)) - level) / 1e-5
+        # Grey is a mean of three colours with noise of their own, each rounded.
+        expected = math.hypot(0.299, 0.587, 0.114) * math.hypot(
+            slope * deviation, math.sqrt(1 / 12)
+        )
+        measured = np.median([one.noise(is_white) for one in found])
+        assert measured == pytest.approx(expected, rel=0.1)
+
+
+def test_vignetting_of_known_lens_is_found_within_10_per_cent(
+    mirror_file: Path, tmp_path: Path
+) -> None:
+    known = write_pictures(tmp_path, mirror_file, known_poses(6), effects=("Vignetting=always",))
+    rim = np.array(known.camera.rim_radius_px)
+    expected = 1.0 - float(known.camera.relative_illumination(rim))
+    assert expected > 0.2
+    loss = shading_loss([one.shading_sums for one in measure(known)])
+    assert loss == pytest.approx(expected, rel=0.1)
+
+
+def test_clean_pictures_have_corners_within_0_2_px_of_their_projections(
+    lens_pictures: KnownPictures,
+) -> None:
+    squares = []
+    for rgb, pose in zip(read(lens_pictures), lens_pictures.poses, strict=True):
+        found = find_corners(rgb, KAIDAN_BOARD)
+        assert found is not None
+        squares.append(np.square(_off_px(lens_pictures.camera, found, pose)).mean())
+    assert math.sqrt(np.mean(squares)) <= 0.2
+
+
+def _off_px(camera: OmniCamera, corners_px: Floats, pose: Pose) -> Floats:
+    ordered = order_corners(corners_px, camera, pose, KAIDAN_BOARD)
+    there = camera.pixel_from_direction(pose.transform_points(KAIDAN_BOARD.points_m))[0]
+    return np.asarray(np.linalg.norm(ordered - there, axis=1))
