@@ -86,15 +86,11 @@ def compress_arrays(files: Mapping[str, bytes]) -> dict[str, bytes]:
     Raises:
         CatoptraError: zstandard is missing.
     """
-    compressor = load_zstandard().ZstdCompressor(level=_ZSTD_LEVEL)
-    return {
-        **{suffix: content for suffix, content in files.items() if not suffix.endswith(".npy")},
-        **{
-            suffix + _ZSTD: compressor.compress(content)
-            for suffix, content in files.items()
-            if suffix.endswith(".npy")
-        },
-    }
+    compress = load_zstandard().ZstdCompressor(level=_ZSTD_LEVEL).compress
+    return dict(
+        (suffix + _ZSTD, compress(content)) if suffix.endswith(".npy") else (suffix, content)
+        for suffix, content in files.items()
+    )
 
 
 def decompress_file(suffix: str, content: bytes) -> tuple[str, bytes]:

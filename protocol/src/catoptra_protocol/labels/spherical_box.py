@@ -266,6 +266,7 @@ class PixelSphere:
         poles = matmul(np.array(((0.0, 0.0, 1.0), (0.0, 0.0, -1.0))), level_from_camera)
         self._poles = [_find_pixels(directions, valid, pole) for pole in poles]
         moved = _move_to_domain(camera, points, valid)
+        self._is_moved = ~valid.reshape(-1)
         directions[~valid], valid[~valid] = (one[~valid] for one in _look_up(camera, moved))
         self.directions: Floats = matmul(directions, level_from_camera.T)
         """(2 h + 1, 2 w + 1, 3) unit directions of a grid of half pixels, level axes; those beyond
@@ -292,10 +293,15 @@ class PixelSphere:
         near = np.flatnonzero(widths > _NEAR_POLE_RAD)
         lowest[near], highest[near] = _reach_arcs(points[places[near]], lowest[near], highest[near])
         low, high = np.minimum.reduceat(lowest, firsts), np.maximum.reduceat(highest, firsts)
-        # An edge's end is the next one's begin.
+        # An edge's end is the next one's begin; of the cone's points those of the rim alone have
+        # another middle than the arc between.
+        num = 1 + self._is_moved[places[:, 1]].astype(np.intp)
+        ends = np.cumsum(num)
+        chosen = np.repeat(places[:, 0], num)
+        chosen[ends[num == 2] - 1] = places[num == 2, 1]
         cones = _enclose_groups(
-            points[places[:, :2].reshape(-1)],
-            2 * firsts,
+            points[chosen],
+            ends[firsts] - num[firsts],
             owners[firsts],
             partial(self._look_up_numbers, ids),
         )

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import json
-import math
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -152,7 +151,8 @@ def _describe_size(num_bytes: int) -> str:
     """Size to three digits: 712 bytes, 4.12 MB."""
     for unit, size in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if num_bytes >= size:
-            return f"{num_bytes / size:.{2 - min(2, int(math.log10(num_bytes / size)))}f} {unit}"
+            number = num_bytes / size
+            return f"{number:.0f} {unit}" if number >= 100.0 else f"{number:.3g} {unit}"
     return f"{num_bytes} bytes"
 
 

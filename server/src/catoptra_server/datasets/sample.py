@@ -161,29 +161,23 @@ class SampleDescriber:
         *,
         after: int = 0,
     ) -> CameraState:
-        ego_body = None
-        if camera.ego_mesh is not None:
-            ego_body = DynamicObject(
-                camera.ego_mesh,
-                motion.world_from_robot,
-                motion.twist,
-                name=camera.robot.model_name,
-                number=1,
-            )
+        body: tuple[DynamicObject, ...] = ()
+        is_left_out = dict(self._stage.recipe.effects.modes).get("SelfView") == "never"
+        if camera.ego_mesh is not None and not is_left_out:
+            name, pose = camera.robot.model_name, motion.world_from_robot
+            body = (DynamicObject(camera.ego_mesh, pose, motion.twist, name=name, number=1),)
         # A lens has no effect that adds the body: one that a robot carries in place of its mirror
         # shows it like any object.
-        is_object = ego_body is not None and not camera.spec.camera.has_mirror
-        if dict(self._stage.recipe.effects.modes).get("SelfView") == "never":
-            is_object, ego_body = False, None
+        is_object = camera.choice.model_file is not None and not camera.spec.camera.has_mirror
         return mounted_camera_state(
             motion.world_from_robot,
             robot_from_camera,
             twist=motion.twist,
             objects=(
                 *self._surroundings.find_objects(place, after),
-                *((ego_body,) if is_object and ego_body is not None else ()),
+                *(body if is_object else ()),
             ),
-            ego_body=None if is_object else ego_body,
+            ego_body=body[0] if body and not is_object else None,
             noise_seed=seed_noise(self._stage, place),
         )
 

@@ -7,6 +7,7 @@ A brightness is a factor of all lights; luminous surfaces stay unchanged.
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache, partial
@@ -145,6 +146,10 @@ class SampleRenderer:
 
     def _make_labels(self, world: int) -> tuple[LabelRenderer, TraceRenderer]:
         staged = self._stage.world(world)
+        # The first world stays. Collections, which the lists of records call for, looked at all of
+        # its objects, for 3 ms a sample.
+        if not gc.get_freeze_count():
+            gc.freeze()
         renderer = TraceRenderer(staged.scene, staged.world, threads=1)
         recipe = self._stage.recipe
         others = () if recipe.randomisation is None else recipe.randomisation.classes

@@ -2,7 +2,7 @@
 
     coco           annotations.json, whose pictures are members of the shards
     coco_folder    coco/annotations/instances.json and coco/images
-    yolo           yolo/data.yaml, images and labels: a box a line (ultralytics)
+    yolo           yolo: data.yaml, images and labels, a box a line (ultralytics)
     yolo_polygons  yolo_polygons, the same with an outline a line
     kitti          kitti/training: image_2, label_2 and calib of KITTI's objects
     asl            asl/SEQUENCE/mav0: cam0, imu0 and mocap0, as in EuRoC and TUM-VI
@@ -12,7 +12,7 @@
 All are made from the metadata and pictures in the shards, and so agree with them. To add one: a
 class with `add` and `finish`, its row in _WRITERS, its word in `recipe.py:FORMATS`.
 
-Source: ultralytics `data/utils.py:verify_image_label`; KITTI's devkit, readme.txt and
+Source: ultralytics, `verify_image_label`; KITTI's devkit, readme.txt and
 `evaluate_object.cpp`; basalt `io/dataset_io_euroc.h`.
 """
 

@@ -285,25 +285,25 @@ class _PixelRayGrid:
     """Rays of the pixels' centres in the mirror frame, in blocks of neighbours."""
 
     def __init__(self, table: RayTable) -> None:
-        """Arrange the rays of a table of one sample a pixel."""
-        fill = np.float32(0.0)
-        directions = assemble_grid(table, np.moveaxis(table.directions, 2, -1), fill=fill)
-        self._axes = np.ascontiguousarray(directions.reshape(-1, 3).T)
-        self.origins: npt.NDArray[np.float32] | None = None
-        """(h * w, 3) metres; None: all at the viewpoint."""
-        self._max_miss_m = 0.0
-        if table.origins is not None:
-            origins = assemble_grid(table, np.moveaxis(table.origins, 2, -1), fill=fill)
-            self.origins = origins.reshape(-1, 3)
-            self._max_miss_m = float(np.linalg.norm(origins, axis=-1).max(initial=0.0))
+        """Arrange the valid rays of a table of one sample a pixel."""
         rows, columns = np.nonzero(find_valid_pixels(table))
         blocks = rows // _BLOCK_PX * (table.width_px // _BLOCK_PX + 1) + columns // _BLOCK_PX
         order = np.argsort(blocks, kind="stable")
-        # Pixels block by block, and the place of each block's first.
-        self._pixels = (rows * table.width_px + columns)[order]
+        self.pixels = (rows * table.width_px + columns)[order]
+        """(n,) pixels of the rays, block by block."""
+        fill = np.float32(0.0)
+        directions = assemble_grid(table, np.moveaxis(table.directions, 2, -1), fill=fill)
+        self._axes = np.ascontiguousarray(directions.reshape(-1, 3)[self.pixels].T)
+        self.origins: npt.NDArray[np.float32] | None = None
+        """(n, 3) metres; None: all at the viewpoint."""
+        self._max_miss_m = 0.0
+        if table.origins is not None:
+            origins = assemble_grid(table, np.moveaxis(table.origins, 2, -1), fill=fill)
+            self.origins = origins.reshape(-1, 3)[self.pixels]
+            self._max_miss_m = float(np.linalg.norm(self.origins, axis=-1).max(initial=0.0))
         self._firsts = np.flatnonzero(np.diff(blocks[order], prepend=-1))
         self._counts = np.diff(self._firsts, append=len(order))
-        of_blocks = self._axes.T[self._pixels].astype(np.float64)
+        of_blocks = self._axes.T.astype(np.float64)
         self._middles = of_blocks[self._firsts + self._counts // 2]
         offsets = of_blocks - np.repeat(self._middles, self._counts, axis=0)
         lengths = hypot(offsets[:, 0], offsets[:, 1], offsets[:, 2])
@@ -311,7 +311,7 @@ class _PixelRayGrid:
         self._chords = np.maximum.reduceat(lengths, self._firsts) if len(order) else lengths
 
     def find_candidates(self, centres: Floats, half_m: Floats) -> Iterator[npt.NDArray[np.intp]]:
-        """Yield the numbers of at most _MAX_RAYS pixels for each of n boxes, evenly spread over the
+        """Yield the places of at most _MAX_RAYS rays for each of n boxes, evenly spread over the
         blocks whose rays may meet the sphere around the box.
 
         Args:
@@ -333,10 +333,10 @@ class _PixelRayGrid:
             # Of the places i * total // num the first ceil(end * num / total) are below an end.
             upto = -(-ends * num // max(total, 1))
             places = np.arange(num) * total // max(num, 1)
-            yield self._pixels[places + np.repeat(firsts, np.diff(upto, prepend=0))]
+            yield places + np.repeat(firsts, np.diff(upto, prepend=0))
 
     def turn_directions(self, world_from_mirror: Pose) -> npt.NDArray[np.float32]:
-        """(h * w, 3) directions in the world."""
+        """(n, 3) directions in the world."""
         x, y, z = self._axes
         rows = world_from_mirror.rotation.astype(np.float32)
         return np.stack([row[0] * x + row[1] * y + row[2] * z for row in rows], axis=-1)
@@ -387,16 +387,16 @@ class _OcclusionMeter:
             world_from_mirror.inverse().transform_points(centres),
             np.array([one.half_size_m for one in seen]).reshape(-1, 3),
         )
-        ways, numbers = rays.turn_directions(world_from_mirror), ids.reshape(-1)
+        ways, numbers = rays.turn_directions(world_from_mirror), ids.reshape(-1)[rays.pixels]
         fractions = {}
-        for one, pixels in zip(seen, candidates, strict=True):
-            unseen = pixels[numbers[pixels] != one.number]
+        for one, places in zip(seen, candidates, strict=True):
+            unseen = places[numbers[places] != one.number]
             starts = world_from_mirror.translation[None]
             if rays.origins is not None:
                 starts = world_from_mirror.transform_points(rays.origins[unseen].astype(float))
             hidden = self._count_hits(one.number, placed.get(one.number), starts, ways[unseen])
             # In view by pixels between those that are cast: nothing is known to be hidden.
-            own = hidden + len(pixels) - len(unseen)
+            own = hidden + len(places) - len(unseen)
             fractions[one.number] = hidden / own if own else 0.0
         return fractions
 
