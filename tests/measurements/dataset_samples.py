@@ -1,6 +1,6 @@
 """Processor time and bytes of a sample, by what its recipe stores, and of reading shards back.
 
-    python tests/measurements/dataset_samples.py [--samples 24]
+    python tests/measurements/dataset_samples.py [--samples 24] [--vary four_legged_2006]
 
 One process, one thread, pinned like a worker; the first sample of each recipe, which prepares rays,
 is not counted. Recipes take turns sample by sample.
@@ -39,6 +39,43 @@ Samples={samples}
 X=(Min=-2.2,Max=2.2)
 Y=(Min=-1.4,Max=1.4)
 """
+
+VARIED = {
+    "nothing": "",
+    "colours, textures": "Textures=all\nColours=(Min=0.2,Max=1)\n",
+    "3 lamps": "Lamps=3\n",
+    "8 distractors": "Distractors=(Min=0,Max=8)\n",
+    "a robot": 'Robots=(Robot="p2dx")\n',
+    "the mount": "MountShift=0.01\nMountTurn=0.02\n",
+}
+VARIED_RECIPE = """[Catoptra.Dataset]
+Samples={samples}
+Worlds={world}
+Cameras=(Robot="p2at_omni",Width=240,Height=240)
+Poses=random
+Channels=range,classes
+"""
+
+
+def measure_varied(samples: int, world: str) -> str:
+    """Processor time of a sample without annotations, by what varies."""
+    keys = {**VARIED, "all of these": "".join(VARIED.values())}
+    artists = {}
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name, "recipe.ini")
+        for kind, lines in keys.items():
+            text = VARIED_RECIPE.format(samples=samples + 1, world=world)
+            path.write_text(text + f"[Catoptra.Randomise]\n{lines}" * bool(lines), "utf-8")
+            stage = DatasetStage(read_recipe(path))
+            artists[kind] = SampleDescriber(stage), SampleRenderer(stage)
+    times: dict[str, list[float]] = {kind: [] for kind in artists}
+    for index in range(samples + 1):
+        for kind, (describer, renderer) in artists.items():
+            begin_s = time.process_time()
+            renderer.render_sample(describer.describe_sample(index))
+            times[kind].append(time.process_time() - begin_s)
+    medians = {kind: 1e3 * statistics.median(of[1:]) for kind, of in times.items()}
+    return "\n".join(f"{kind}: {median:.1f} ms" for kind, median in medians.items())
 
 
 def measure(samples: int) -> str:
@@ -82,7 +119,10 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=24)
-    print(measure(parser.parse_args().samples))
+    parser.add_argument("--vary", default="", help="world whose looks and objects vary instead")
+    parsed = parser.parse_args()
+    vary = parsed.vary
+    print(measure_varied(parsed.samples, vary) if vary else measure(parsed.samples))
 
 
 if __name__ == "__main__":

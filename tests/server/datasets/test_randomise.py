@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from catoptra_protocol.errors import CatoptraError, ConfigError
 from catoptra_server.config.known_names import bundled_files
@@ -65,8 +66,6 @@ def test_looks_and_light_change_the_picture_alone(
 ) -> None:
     images = tmp_path / "images"
     images.mkdir()
-    from PIL import Image
-
     Image.new("RGB", (8, 8), (200, 30, 30)).save(images / "red.png")
     (sample,) = render_samples(write(tmp_path, key), 1)
     assert differ(sample, plain) == {"rgb"}

@@ -200,7 +200,7 @@ class PoseSource:
         """Motions of the other robots, from the first sample of the sequence to one after the
         last; none of a robot that has no room."""
         poses, world = self._recipe.poses, self._stage.world(place.world)
-        interval_s, count = _ONE_SAMPLE_S, 1
+        interval_s, count = _ONE_SAMPLE_S, 0
         if not isinstance(poses, RandomPoses):
             interval_s, count = poses.interval_s or _ONE_SAMPLE_S, _sequence_length(self._recipe)
         motions: list[list[RobotMotion]] = []

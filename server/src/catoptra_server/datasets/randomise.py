@@ -8,7 +8,7 @@
 Every number is drawn by (seed, sample, object, purpose): a key more, or an object more, changes no
 other number. What stands or drives is drawn for a sequence, all else for a sample. Looks are of
 whole objects, and are painted onto the committed scene: a renderer of 50 000 triangles takes 150 ms
-to make and 8 ms to repaint (`tests/measurements/randomised_samples.py`). Things and robots are
+to make and 8 ms to repaint (`tests/measurements/dataset_samples.py`). Things and robots are
 dynamic objects; shapes of distractors are drawn once for a recipe, so that each mesh is committed
 once. Baked light stays that of the world's own colours.
 
@@ -245,6 +245,8 @@ class ScenePainter:
     def paint(self, index: int) -> SceneMesh:
         """The scene of a sample."""
         varied, scene, rows, owner = self._varied, self.scene, self._rows, self._owner
+        if not varied.textures and varied.colours is None and varied.gloss is None:
+            return scene
         looks: dict[str, Any] = {}
         albedo = scene.albedo.copy()
         corners = None if scene.corner_albedo is None else scene.corner_albedo.copy()

@@ -201,6 +201,11 @@ def object_lights(world: World, place: Floats | None = None) -> tuple[Light, ...
     return (sky, *(light for light in world.lights if not isinstance(light, HemisphereLight)))
 
 
+def are_lit_alike(world: World, other: World) -> bool:
+    """Whether two worlds have the same lights."""
+    return world.lights == other.lights and world.object_sky == other.object_sky
+
+
 def open_irradiance(lights: Iterable[Light]) -> Vector3:
     """Irradiance of an upward surface that nothing is hidden from, by hemisphere lights."""
     up = [light.up_irradiance for light in hemisphere_lights(lights)]

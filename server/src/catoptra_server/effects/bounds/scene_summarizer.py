@@ -60,7 +60,7 @@ from catoptra_server.world.objects import (
     scene_twist_in_mirror,
 )
 from catoptra_server.world.scene_mesh import SceneMesh
-from catoptra_server.world.shading import open_irradiance
+from catoptra_server.world.shading import are_lit_alike, open_irradiance
 from catoptra_server.world.triangles import make_clusters
 from catoptra_server.world.world_description import World
 
@@ -85,6 +85,8 @@ class SceneSummarizer:
 
     def repaint(self, scene: SceneMesh, world: World) -> None:
         """Summarize the same triangles in other looks and light; distances stay."""
+        if scene is self.scene and are_lit_alike(world, self._world):
+            return
         self.scene, self._world = scene, world
         self._object_radiances = ObjectRadiances(world)
         self._open_irradiance = open_irradiance(world.lights)

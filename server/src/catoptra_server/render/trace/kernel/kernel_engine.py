@@ -78,6 +78,7 @@ from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import (
     OcclusionMap,
+    are_lit_alike,
     hemisphere_lights,
     object_lights,
 )
@@ -402,8 +403,10 @@ class KernelEngine:
                 have one look again: proofs about surfaces are those of the first scene.
             world: The same world with other lights, all of which light the scene.
         """
-        is_lit_alike = world.lights == self._world.lights
-        self.scene, self._world = scene, world
+        is_lit_alike = are_lit_alike(world, self._world)
+        if scene is self.scene and is_lit_alike:
+            return
+        was, self.scene, self._world = self.scene, scene, world
         self._scene_lights = self._scene_lights if is_lit_alike else world.lights
         self.__dict__.pop("_mean_tables", None)
         self._radiances = None
@@ -412,7 +415,8 @@ class KernelEngine:
             self._has_shadow_tables = False
         # After the last frame with the former ones.
         self._looks = []
-        self._meshes[0].repaint(scene_arrays(scene, scene.centre, self._textures))
+        if scene is not was:
+            self._meshes[0].repaint(scene_arrays(scene, scene.centre, self._textures))
         members = self._tabulate(scene) | self._light_members()
         if self._has_shadow_tables and scene.occlusion is None:
             members["ambient_radiance"] = self._tabulate_ambient(scene)
