@@ -441,3 +441,11 @@ def test_material_of_the_item_replaces_all_of_the_file(tmp_path: Path) -> None:
     scene = load_mesh(write_unlit_glb(tmp_path), material=GREY)
     assert not scene.unlit.any()
     np.testing.assert_array_equal(scene.albedo, 0.5)
+
+
+def test_normals_that_differ_from_facets_by_rounding_bend_nothing() -> None:
+    scene = build_scene(World("box", (make_item(BOX),)))
+    normals = np.repeat(scene.normals[:, None], 3, axis=1)
+    turned = [normals + change for change in (1e-15, 1e-3)]
+    bent = [replace(scene, corner_normals=one).bent for one in turned]
+    assert [one is not None and one.any() for one in bent] == [False, True]

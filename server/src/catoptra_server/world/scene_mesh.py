@@ -176,10 +176,11 @@ class SceneMesh:
             array.setflags(write=False)
 
     def _find_bent(self) -> None:
-        smooth, bent = np.zeros(0, dtype=bool), self.two_sided
+        smooth: Bools = np.zeros(0, dtype=bool)
+        bent = self.two_sided
         if self.corner_normals is not None:
-            turned = np.abs(self.corner_normals - self.normals[:, None])
-            smooth = (turned > _MAX_FLAT_TURN).any(axis=(1, 2))
+            turned = np.abs(self.corner_normals - self.normals[:, None]).max(axis=(1, 2))
+            smooth = np.asarray(turned > _MAX_FLAT_TURN)
             bent = smooth if bent is None else smooth | bent
         object.__setattr__(self, "is_smooth", smooth)
         object.__setattr__(self, "bent", None if bent is None else bent & ~self.unlit)

@@ -95,6 +95,19 @@ def test_shadows_of_random_worlds_by_proofs_are_those_by_rays(table: str) -> Non
     assert [s for s in seeds if count_differences(*make_shadowed_exposure(s), TABLES[table])] == []
 
 
+# Its map is around the middle: the ground and what stands on it far away are in the map's border.
+@pytest.mark.parametrize("seed", range(0, 40, 2))
+def test_shadows_by_proofs_on_a_wide_ground_are_those_by_rays(seed: int) -> None:
+    world, state = make_shadowed_exposure(8 * seed + 1)
+    grid = [Pose.from_rpy((x, y, 0.9)) for x in (-1.5, -0.5, 0.5, 1.5) for y in (-1.0, 0.0, 1.0)]
+    near = [Item(f"n{i}", Box((0.2, 0.2, 0.2)), pose, GREY) for i, pose in enumerate(grid)]
+    wall = Rectangle((30.0, 60.0)), Pose.from_rpy((40.0, 0.0, -10.0), (0.0, 1.2, 0.3 * seed))
+    ground = Rectangle((300.0, 300.0)), Pose.from_rpy((0.0, 0.0, 1.0))
+    far = [Item(f"f{i}", *one, GREY) for i, one in enumerate((wall, ground))]
+    world = replace(world, items=(*world.items, *near, *far))
+    assert count_differences(world, state, TABLES["omni"]) == 0
+
+
 # By rounding a shadow ray of this world meets the sliver on which it begins.
 def test_ray_to_a_light_never_meets_the_facet_where_it_begins() -> None:
     exposure = make_shadowed_exposure(639)

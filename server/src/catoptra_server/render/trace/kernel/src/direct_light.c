@@ -129,15 +129,17 @@ int sees_all_lights(const FrameState *state, const RayBlock *rays, const HitBloc
 /* The curve is concave: light s changes x by at most its slope there times s; x^(5/8) is less than
  * x^(7/12). What is allowed is concave in x, up to white: so it holds for means of samples, for any
  * smaller gain, and behind any texture. */
-void allow_unseen(const FrameState *state, float radiance[3][BLOCK_RAYS], SurfaceBlock *surface) {
+static void allow_unseen(const FrameState *state, SurfaceBlock *surface) {
     const Frame *frame = state->frame;
     int is_any = frame->has_shadows && frame->measures_shadows && frame->limits.plain_change > 0.0f;
     float gain = frame->largest_gain;
     float share = UNSEEN_PART * frame->limits.plain_change / (255.0f * gain);
-    memset(surface->unseen, 0, sizeof surface->unseen);
+    surface->has_allowed = 1;
+    if (!is_any)
+        memset(surface->unseen, 0, sizeof surface->unseen);
     for (int channel = 0; is_any && channel < 3; channel++)
         for (int i = 0; i < BLOCK_RAYS; i++) {
-            float x = gain * radiance[channel][i];
+            float x = gain * surface->unseen[channel][i];
             x = x > 0.0f ? x < 1.0f ? x : 1.0f : 0.0f;
             float root = __builtin_sqrtf(x), eighth = __builtin_sqrtf(__builtin_sqrtf(root));
             float curved = root * eighth * (1.0f / SLOPE);
@@ -182,6 +184,9 @@ static uint32_t find_occluded(const FrameState *state, int light, const RayBlock
     }
     if (!facing)
         return hidden;
+    /* Where maps decide, most of a frame, nobody asks. */
+    if (!surface->has_allowed)
+        allow_unseen(state, surface);
     facing &= ~skip_unseen(state, &scene->lights[light], incidence->factor, facing, surface);
     if (!facing)
         return hidden;

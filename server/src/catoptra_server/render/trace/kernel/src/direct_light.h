@@ -26,7 +26,10 @@ typedef struct {
         uint32_t rays; /* computed ones that meet one facet */
         LightProof proof;
     } proven[MAX_PROVEN];
-    _Alignas(64) float unseen[3][BLOCK_RAYS]; /* light, before textures, that nobody misses */
+    /* Radiance, before textures, without lights that are added one by one; with has_allowed, how
+     * much light of lamps nobody misses in it. */
+    _Alignas(64) float unseen[3][BLOCK_RAYS];
+    int has_allowed;
 } SurfaceBlock;
 
 /* Radiance that rays lose by shadows. */
@@ -35,16 +38,12 @@ typedef struct {
     uint32_t rays;                              /* bit mask of those that lose any */
 } LostLight;
 
-/* How much light of lamps nobody misses in the radiance of other light, (3, 16); of it, `add_light`
- * takes that of lamps for which it casts no ray. */
-void allow_unseen(const FrameState *state, float radiance[3][BLOCK_RAYS], SurfaceBlock *surface);
-
 /* Whether nothing occludes any directional light where rays meet the static scene, by height maps;
  * the rays' limits are the distances of their hits. */
 int sees_all_lights(const FrameState *state, const RayBlock *rays, const HitBlock *hits);
 
 /* Add the light of one directional or point light to the lit rays, and what is occluded to `lost`,
- * which may be NULL. */
+ * which may be NULL. No ray is cast to lamps that `unseen` allows. */
 void add_light(const FrameState *state, int light, const RayBlock *rays, const HitBlock *hits,
                SurfaceBlock *surface, float radiance[3][BLOCK_RAYS], LostLight *lost);
 

@@ -382,7 +382,7 @@ void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *
     /* Before any other light is added. */
     hide_sky(state, surface.dim, surface.coloured, rays, hits, radiance);
     if (surface.lit)
-        allow_unseen(state, radiance, &surface);
+        memcpy(surface.unseen, radiance, sizeof surface.unseen);
     for (int light = 0; surface.lit && light < state->scene->num_lights; light++)
         add_light(state, light, rays, hits, &surface, radiance, lost);
     float texels[3][BLOCK_RAYS];
