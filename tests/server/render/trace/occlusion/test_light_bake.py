@@ -100,7 +100,7 @@ def test_furnace_has_one_light_everywhere(room: str) -> None:
     distances, triangles = commit_ray_caster(scene).closest_triangles(origins, rays)
     factors = light.occlusion.factors(triangles, origins + distances[:, None] * rays)
     np.testing.assert_allclose(light.brightest * factors, 0.5, rtol=1e-5)
-    places = np.random.default_rng(2).uniform((-1.0, -1.0, -2.5), (1.0, 1.0, -0.6), (20, 3))
+    places = np.random.default_rng(2).uniform((-1.0, -1.0, -2.5), (1.0, 1.0, -0.6), (200, 3))
     faces = np.array([light.probes.find_light(place).faces for place in places])
     np.testing.assert_allclose(faces, 0.5, rtol=1e-5)
 

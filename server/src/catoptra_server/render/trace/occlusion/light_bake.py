@@ -87,6 +87,8 @@ MAX_NODES = 56_000
 # Beside these, six nodes each; a metre apart at least.
 MAX_PROBES = 1000
 _MIN_PROBE_DISTANCE_M = 1.0
+# A probe that sees more of backs stands where nothing moves: outside a round room a tenth.
+_BACK_SHARE = 0.05
 _MIN_NODE_DISTANCE_M = 0.05
 # Of the most grids: with all, small parts of furniture left walls a node a metre.
 _GRID_SHARE = 0.2
@@ -515,7 +517,7 @@ class LightBake:
         """Probes of (6 p, 3) means; those that see backs have the light of the nearest other."""
         faces = means.reshape(-1, 6, 3)
         backs = self._backs[len(self._nodes.patch) :].reshape(-1, 6).sum(axis=-1)
-        is_known = backs <= _INSIDE_SHARE * 6 * self.num_passes * RAYS_PER_PASS
+        is_known = backs <= _BACK_SHARE * 6 * self.num_passes * RAYS_PER_PASS
         if is_known.any():
             places = self._probe_places()
             apart = places[~is_known][:, None] - places[is_known]
