@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 from dataclasses import replace
 from pathlib import Path
 
@@ -99,7 +100,7 @@ def test_furnace_has_one_light_everywhere(room: str) -> None:
     distances, triangles = commit_ray_caster(scene).closest_triangles(origins, rays)
     factors = light.occlusion.factors(triangles, origins + distances[:, None] * rays)
     np.testing.assert_allclose(light.brightest * factors, 0.5, rtol=1e-5)
-    places = np.random.default_rng(2).uniform((-1.0, -1.0, -2.5), (1.0, 1.0, -0.6), (20, 3))
+    places = np.random.default_rng(2).uniform((-1.0, -1.0, -2.5), (1.0, 1.0, -0.6), (200, 3))
     faces = np.array([light.probes.find_light(place).faces for place in places])
     np.testing.assert_allclose(faces, 0.5, rtol=1e-5)
 
@@ -213,6 +214,11 @@ def test_robots_shade_the_floor_in_both_engines_and_filled_tiles() -> None:
         threshold = {"BakedLight": Threshold(1.0)}
         frame = rays.render(state, TraceRequest(is_linear=True, thresholds=threshold))
         plain = rays.render_linear(replace(state, has_baked_light=False))
+    digests = set()
+    for threads, name in itertools.product((1, 3), available_instruction_sets()):
+        with open_kernel(world, scene=scene, threads=threads, instruction_set=name) as engine:
+            digests.add(engine.prepare(make_omni_table(width_px=96)).render_linear(state).tobytes())
+    assert len(digests) == 1
     assert share > 0.2
     assert level_differences(filled, traced).max() <= 2
     change = measure_change(frame.image, plain)

@@ -98,7 +98,7 @@ def bake_occlusion(
     frames = frame_surfaces(scene, threads=threads)
     layout, near = _choose_layout(scene, frames)
     nodes = place_nodes(frames, layout, near)
-    factors, inside = _measure_all(scene, caster, nodes, threads)
+    factors, inside = _measure_all(scene, caster, nodes, _turn_directions(frames), threads)
     texels = filter_factors(layout, near, factors, inside)
     return _without_open_grids(frames, layout, texels)
 
@@ -459,8 +459,6 @@ class _Nodes:
     """(k,) surface of each."""
     ray_set: npt.NDArray[np.intp]
     """(k,) set of directions."""
-    directions: npt.NDArray[np.float32]
-    """(m, sets, rays, 3) directions of each surface."""
 
 
 def place_nodes(frames: SurfaceFrames, layout: _GridLayout, near: Bools) -> _Nodes:
@@ -477,7 +475,7 @@ def place_nodes(frames: SurfaceFrames, layout: _GridLayout, near: Bools) -> _Nod
         along = np.clip(index / (count[patch] - 1), inset, 1.0 - inset)
         positions += along[:, None] * side[patch]
     ray_set = (row % 2 * 2 + column % 2).astype(np.intp)
-    return _Nodes(positions, patch, ray_set, _turn_directions(frames))
+    return _Nodes(positions, patch, ray_set)
 
 
 def _turn_directions(frames: SurfaceFrames) -> npt.NDArray[np.float32]:
@@ -526,16 +524,20 @@ def _digital_sequence(count: int, columns: list[int]) -> Floats:
 
 
 def _measure_all(
-    scene: SceneMesh, caster: SceneRayCaster, nodes: _Nodes, threads: int
+    scene: SceneMesh,
+    caster: SceneRayCaster,
+    nodes: _Nodes,
+    directions_of: npt.NDArray[np.float32],
+    threads: int,
 ) -> tuple[Floats, Bools]:
-    """(k,) factors of nodes, and whether each lies inside a solid."""
+    """(k,) factors of nodes, and whether each is in a solid; `directions_of` surfaces by sets."""
     count = len(nodes.patch)
     factors, inside = np.ones(count), np.zeros(count, dtype=bool)
     normals = scene.normals.astype(np.float32)
 
     def measure(first: int) -> None:
         part = slice(first, first + _NODES_AT_ONCE)
-        directions = nodes.directions[nodes.patch[part], nodes.ray_set[part]]
+        directions = directions_of[nodes.patch[part], nodes.ray_set[part]]
         rays = directions.shape[:2]
         origins = np.repeat(nodes.positions[part], rays[1], axis=0)
         flat = directions.reshape(-1, 3)

@@ -8,7 +8,7 @@ reflect of them is. Source: Cohen & Wallace 1993, "Radiosity and Realistic Image
 form factors by rays.
 
 Probes for what moves stand on a regular grid of the scene's box, each of six nodes that face along
-the axes; one that sees backs, inside a solid or out of a room, has the light of those beside it.
+the axes; one that sees backs, inside a solid or out of a room, has the light of the nearest other.
 Walls between two do not count.
 
 Passes of 16 rays, each shifted by random numbers of its own, are independent estimates: a node's
@@ -87,6 +87,8 @@ MAX_NODES = 56_000
 # Beside these, six nodes each; a metre apart at least.
 MAX_PROBES = 1000
 _MIN_PROBE_DISTANCE_M = 1.0
+# A probe that sees more of backs stands where nothing moves: outside a round room a tenth.
+_BACK_SHARE = 0.05
 _MIN_NODE_DISTANCE_M = 0.05
 # Of the most grids: with all, small parts of furniture left walls a node a metre.
 _GRID_SHARE = 0.2
@@ -110,7 +112,6 @@ MAX_ERROR = 1.0
 """Grey levels that nobody misses, of 99 of 100 nodes: from there on no rays are added."""
 # Directions of a probe's nodes, as of `HemisphereLight.faces`.
 _FACES = np.kron(np.eye(3), np.array([[1.0], [-1.0]]))
-_BORDER = ((1, 1), (1, 1), (1, 1), (0, 0), (0, 0))
 _Float32s = npt.NDArray[np.float32]
 _BakedLights = Sequence[DirectionalLight | PointLight | RectangleLight]
 
@@ -324,9 +325,7 @@ class LightBake:
         axis_x = np.concatenate((frames.side_x / lengths, np.roll(_FACES, 1, axis=1)))
         normal = np.concatenate((frames.normal, _FACES))
         axes = np.stack((axis_x, np.cross(normal, axis_x), normal), axis=1)
-        shape, first = self._probes.faces.shape[:3], self._probes.first
-        at = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, 3)
-        places = np.repeat(first + at * self._probes.step, 6, axis=0)
+        places = np.repeat(self._probe_places(), 6, axis=0)
         grid = np.append(self._nodes.patch, len(frames.normal) + np.arange(len(places)) % 6)
         # Off all fractions of the sequence: rays along diagonals would end on the edges of rooms.
         turns = 2.0 * np.pi * (np.arange(256) + _GOLDEN) / 256
@@ -515,26 +514,22 @@ class LightBake:
         self._device.gather(job)
 
     def _finish_probes(self, means: Floats) -> LightProbes:
-        """Probes of (6 p, 3) means; those that see backs have the light of the nearest beside."""
-        shape = self._probes.faces.shape[:3]
-        faces = means.reshape(*shape, 6, 3)
-        backs = self._backs[len(self._nodes.patch) :].reshape(*shape, 6).sum(axis=-1)
-        known = backs <= _INSIDE_SHARE * 6 * self.num_passes * RAYS_PER_PASS
-        known |= not known.any()
-        faces[~known] = 0.0
-        for _ in range(sum(shape)):
-            wide, count = np.pad(faces, _BORDER), np.pad(known.astype(np.float64), 1)
-            total, number = np.zeros(faces.shape), np.zeros(shape)
-            for axis in range(3):
-                for way in (0, 2):
-                    part = [slice(1, -1)] * 3
-                    part[axis] = slice(way, way + shape[axis])
-                    total += wide[tuple(part)]
-                    number += count[tuple(part)]
-            filled = ~known & (number > 0.0)
-            faces[filled] = total[filled] / number[filled][:, None, None]
-            known = known | filled
-        return replace(self._probes, faces=faces.astype(np.float32))
+        """Probes of (6 p, 3) means; those that see backs have the light of the nearest other."""
+        faces = means.reshape(-1, 6, 3)
+        backs = self._backs[len(self._nodes.patch) :].reshape(-1, 6).sum(axis=-1)
+        is_known = backs <= _BACK_SHARE * 6 * self.num_passes * RAYS_PER_PASS
+        if is_known.any():
+            places = self._probe_places()
+            apart = places[~is_known][:, None] - places[is_known]
+            nearest = np.square(apart).sum(axis=-1).argmin(axis=1)
+            faces[~is_known] = faces[is_known][nearest]
+        shaped = faces.reshape(self._probes.faces.shape)
+        return replace(self._probes, faces=shaped.astype(np.float32))
+
+    def _probe_places(self) -> Floats:
+        """(p, 3) places of the probes, world frame."""
+        at = np.indices(self._probes.faces.shape[:3]).reshape(3, -1).T
+        return np.asarray(self._probes.first + at * self._probes.step)
 
     def _finish(self, passes: _Float32s, is_inside: Bools, probes: LightProbes) -> NodeLight:
         """Filter the (p, k, 3) estimates of nodes, state their errors, and make the map."""
