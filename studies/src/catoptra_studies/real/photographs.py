@@ -104,7 +104,7 @@ def read_photographs(folder: Path, board: Board, size_px: tuple[int, int]) -> Ph
     if first_size != size_px:
         raise CatoptraError(
             f"{paths[0]}: {first_size[0]} x {first_size[1]} px, but the camera file has "
-            f"{size_px[0]} x {size_px[1]}: name the file of this camera by --camera"
+            f"{size_px[0]} x {size_px[1]}: name the file of this camera by --camera-file"
         )
     photographs = tuple(_read_photograph(path, board) for path in paths)
     found = PhotographSet(photographs, quality)
