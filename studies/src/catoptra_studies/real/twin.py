@@ -132,7 +132,7 @@ def write_mirror_camera(
         "[Catoptra.RadialTableMirror]",
         "Angles=" + ",".join(f"{angle:.6f}" for angle in angles),
         "Radii=" + ",".join(f"{radius:.4f}" for radius in radii),
-        f"FocalLength={focal_px:.3f}       ; px, of the capture lens: edges hardly tell it from others",
+        f"FocalLength={focal_px:.3f}       ; px, capture lens: edges hardly tell it from others",
         f"VertexDistance={vertex_m:g}          ; assumed, m: scales FNumber alone",
         f"RimAngle={rim_deg - 1e-4:.4f}",
         "Central=always",
