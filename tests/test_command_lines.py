@@ -39,7 +39,10 @@ MEANINGS = {
     "--world": "world file",
     "--landmarks": "file of landmarks",
     "--camera": "camera by its name",
+    "--camera-file": "camera file",
     "--cameras": "camera files",
+    "--board": "inner corners of a chessboard",
+    "--square": "side of a chessboard's square",
     "--configs": "folder of configurations",
     "--models": "folders of models",
     "--rings-world": "world of the figure of rings",
@@ -122,6 +125,7 @@ MEANINGS = {
     # Further results
     "--page": "file whose block gets a table",
     "--report": "report to write",
+    "--fitted": "camera file to write",
     "--data": "copy of the numbers",
     "--report-only": "measure nothing",
     "--frame-rates-only": "measure frame rates alone",

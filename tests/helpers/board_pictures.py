@@ -42,13 +42,13 @@ class KnownPictures:
     poses: tuple[Pose, ...]
 
 
-def known_poses(count: int, board: Board = BOARD) -> tuple[Pose, ...]:
-    """Poses of boards around the mirror, 0.3 m away, seen at 60 to 115 degrees."""
+def known_poses(count: int, board: Board = BOARD, distance_m: float = 0.3) -> tuple[Pose, ...]:
+    """Poses of boards around the mirror, seen at 55 to 120 degrees."""
     middle = 0.5 * board.square_m * np.array((board.columns - 1, board.rows - 1, 0.0))
     poses = []
     for number in range(count):
         azimuth = 2.0 * math.pi * number / count + 0.3
-        theta = math.radians((75.0, 95.0, 85.0)[number % 3])
+        theta = math.radians((76.0, 97.0, 85.0)[number % 3])
         away = np.array(
             (math.sin(theta) * math.cos(azimuth), math.sin(theta) * math.sin(azimuth),
              math.cos(theta))
@@ -60,7 +60,7 @@ def known_poses(count: int, board: Board = BOARD) -> tuple[Pose, ...]:
         turn = np.array(((math.cos(tilt), 0.0, math.sin(tilt)), (0.0, 1.0, 0.0),
                          (-math.sin(tilt), 0.0, math.cos(tilt))))  # fmt: skip
         rotation = frame @ turn
-        poses.append(Pose(rotation, 0.3 * away - rotation @ middle))
+        poses.append(Pose(rotation, distance_m * away - rotation @ middle))
     return tuple(poses)
 
 

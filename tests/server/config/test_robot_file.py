@@ -40,7 +40,7 @@ def write_file(folder: Path, text: str) -> Path:
 @pytest.mark.parametrize("path", sorted(ROBOTS.glob("*.ini")), ids=lambda path: path.name)
 def test_bundled_robot_when_read_has_no_unknown_key(path: Path) -> None:
     robot, file = read_robot(path)
-    is_omni = any(word in path.name for word in ("omni", "fisheye", "sphere"))
+    is_omni = any(word in path.name for word in ("omni", "fisheye", "sphere", "tripod"))
     assert (robot.omni_camera is not None) == is_omni
     assert file.unknown_names() == []
 

@@ -35,7 +35,7 @@ from helpers.board_pictures import (
     write_pictures,
 )
 
-FOCAL_PX, F_NUMBER, FOCUS_M, PITCH_M = 400.0, 3.0, 0.097, 7.4e-6
+FOCAL_PX, F_NUMBER, FOCUS_M, PITCH_M = 400.0, 1.5, 0.097, 7.4e-6
 KAIDAN_BOARD = Board(11, 7, 0.03)
 FULL_WELL_E, READ_NOISE_E = 2000.0, 10.0
 
@@ -65,7 +65,7 @@ def mirror_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def lens_pictures(tmp_path_factory: pytest.TempPathFactory) -> KnownPictures:
     folder = tmp_path_factory.mktemp("lens")
     camera = write_lens(folder / "lens.ini", 640)
-    return write_pictures(folder, camera, known_poses(8, KAIDAN_BOARD), board=KAIDAN_BOARD)
+    return write_pictures(folder, camera, known_poses(8, KAIDAN_BOARD, 0.24), board=KAIDAN_BOARD)
 
 
 @pytest.fixture(scope="module")

@@ -31,7 +31,7 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(folder: Path, out: Path, camera: Path, *more: str) -> int:
     options = ("--board", "6x5", "--square", "0.05", "--workers", "1", "--out", str(out))
-    return main([str(folder), "--camera", str(camera), *options, *more])
+    return main([str(folder), "--camera-file", str(camera), *options, *more])
 
 
 def test_whole_study_of_six_pictures_writes_report_page_and_camera(

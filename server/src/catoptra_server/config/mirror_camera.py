@@ -39,7 +39,7 @@ from catoptra_server.config.camera_sections import (
 )
 from catoptra_server.config.ini_file import IniFile
 from catoptra_server.config.known_names import is_own_section
-from catoptra_server.config.robot_cameras import is_lens_camera, read_plane
+from catoptra_server.config.robot_cameras import is_lens_camera, read_plane, require_picture
 from catoptra_server.config.section_reader import SectionReader, read_columns
 from catoptra_server.render.renderer import (
     MirrorSurface,
@@ -327,7 +327,10 @@ def _read_camera_model(
             image_up_azimuth_rad=_image_up_azimuth(item),
             picture=read_picture(capture, Picture.MIRRORED),
         )
-        return _read_calibrated_plane(capture, camera)
+        calibrated = _read_calibrated_plane(capture, camera)
+        if calibrated != camera:
+            require_picture(capture, calibrated)
+        return calibrated
     except DomainError as error:
         raise settings.make_error("RimAngle", expected=f"a possible value: {error}") from error
 

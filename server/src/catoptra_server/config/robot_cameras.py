@@ -75,7 +75,7 @@ def read_lens_camera(
             camera = _read_calibrated_camera(file, section)
         else:
             camera = _read_camera(section)
-        _require_picture(section, camera)
+        require_picture(section, camera)
     mount = read_mount(robot, item)
     description = OmniCameraDescription(
         name=item.get_wire_name("ItemName"),
@@ -269,7 +269,7 @@ def read_plane(section: SectionReader, focal_length_px: float) -> ImagePlane:
     return ImagePlane((1.0, skew, 0.0, aspect), p1, p2)
 
 
-def _require_picture(section: SectionReader, camera: OmniCamera) -> None:
+def require_picture(section: SectionReader, camera: OmniCamera) -> None:
     """Raise ConfigError for a camera whose picture is black all over: of a wrong unit, mostly."""
     side = np.linspace(0.0, 1.0, _GRID_SIDE)
     u, v = (np.floor(side * (length - 1)) + 0.5 for length in (camera.width_px, camera.height_px))

@@ -181,7 +181,7 @@ class SceneMesh:
         if self.corner_normals is not None:
             turned = np.abs(self.corner_normals - self.normals[:, None]).max(axis=(1, 2))
             smooth = np.asarray(turned > _MAX_FLAT_TURN)
-            bent = smooth if bent is None else smooth | bent
+            bent = smooth if bent is None else np.asarray(smooth | bent)
         object.__setattr__(self, "is_smooth", smooth)
         object.__setattr__(self, "bent", None if bent is None else bent & ~self.unlit)
 

@@ -120,7 +120,7 @@ def calibrate(start: OmniCamera, corners_px: Sequence[Floats], board: Board) -> 
     def jacobian(x: Floats, value: Floats) -> Floats:
         found = np.zeros((len(value), len(x)))
         for column, step in enumerate(_STEPS):
-            found[:, column] = (residuals(_moved(x, column, step)) - value) / step
+            found[:, column] = (residuals(_step_along(x, column, step)) - value) / step
         model, row = _camera_of(camera, x[:_NUM_INTRINSICS]), 0
         for number, corners in enumerate(corners_px):
             rows = slice(row, row + 2 * len(corners))
@@ -181,7 +181,7 @@ def measure_straightness_px(camera: OmniCamera, corners_px: Floats, board: Board
     return np.abs(off_px)
 
 
-def are_mirrored(camera: OmniCamera, corners_px: Sequence[Floats], board: Board) -> bool:
+def have_other_hand(camera: OmniCamera, corners_px: Sequence[Floats], board: Board) -> bool:
     """Whether pictures are turned round left to right, by the camera's own asymmetry.
 
     A camera whose axis is off the middle, or whose plane is decentred, fits pictures of its own
@@ -255,14 +255,16 @@ def _describe_pose(
     return BoardPose(vector, residual, 2.0 * np.arctan(_half_tangent(points)))
 
 
-def _moved(x: Floats, index: int, step: float) -> Floats:
+def _step_along(x: Floats, index: int, step: float) -> Floats:
     moved = x.copy()
     moved[index] += step
     return moved
 
 
 def _differences(function: Callable[[Floats], Floats], x: Floats, value: Floats) -> Floats:
-    columns = [(function(_moved(x, i, _POSE_STEP)) - value) / _POSE_STEP for i in range(len(x))]
+    columns = [
+        (function(_step_along(x, i, _POSE_STEP)) - value) / _POSE_STEP for i in range(len(x))
+    ]
     return np.stack(columns, axis=-1)
 
 

@@ -160,7 +160,7 @@ def _compare(quantity: Quantity, samples: Mapping[str, Sequence[Sample]]) -> Gap
     values = {name: _bootstrap({"x": one}, lambda x: quantity.combine(x["x"]))
               for name, one in rows.items()}  # fmt: skip
 
-    def closed(means: Mapping[str, Floats]) -> float:
+    def find_part(means: Mapping[str, Floats]) -> float:
         x = {name: quantity.combine(one) for name, one in means.items()}
         target = 0.0 if quantity.is_distance else x["photographs"]
         gap = abs(x["clean"] - target)
@@ -171,7 +171,8 @@ def _compare(quantity: Quantity, samples: Mapping[str, Sequence[Sample]]) -> Gap
         values,
         {
             name: _bootstrap(
-                {"photographs": rows["photographs"], "clean": rows[CLEAN], "effect": one}, closed
+                {"photographs": rows["photographs"], "clean": rows[CLEAN], "effect": one},
+                find_part,
             )
             for name, one in rows.items()
             if name not in ("photographs", CLEAN)

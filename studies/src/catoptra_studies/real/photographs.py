@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -104,7 +104,7 @@ def read_photographs(folder: Path, board: Board, size_px: tuple[int, int]) -> Ph
     if first_size != size_px:
         raise CatoptraError(
             f"{paths[0]}: {first_size[0]} x {first_size[1]} px, but the camera file has "
-            f"{size_px[0]} x {size_px[1]}: name the file of this camera by --camera"
+            f"{size_px[0]} x {size_px[1]}: name the file of this camera by --camera-file"
         )
     photographs = tuple(_read_photograph(path, board) for path in paths)
     found = PhotographSet(photographs, quality)
@@ -178,12 +178,6 @@ def start_pose(board: Board, plane_points: Floats) -> Floats:
 def write_jpeg(path: Path, rgb: Image, quality: int) -> None:
     """Write a picture as JPEG."""
     PIL.Image.fromarray(rgb).save(path, quality=quality)
-
-
-def turn_round(photograph: Photograph, board: Board) -> Photograph:
-    """The photograph mirrored left to right, and its board found anew."""
-    rgb = np.ascontiguousarray(photograph.rgb[:, ::-1])
-    return replace(photograph, rgb=rgb, corners_px=find_corners(rgb, board))
 
 
 def _read_header(path: Path) -> tuple[tuple[int, int], int | None]:

@@ -1,6 +1,6 @@
 """The command `catoptra-studies real`: photographs against their twins, as a report and as tables.
 
-    catoptra-studies real FOLDER --camera kaidan_360 --board 11x7 --square 0.03
+    catoptra-studies real FOLDER --camera-file kaidan_360 --board 11x7 --square 0.03
 
 The report is one HTML file; `--page` writes the same tables into a marked block of a document, with
 a picture beside it, and `--fitted` a camera file with the fitted numbers.
@@ -63,7 +63,7 @@ def main(arguments: Sequence[str]) -> int:
     parsed = parse_study(_build_parser(), arguments)
     options = StudyOptions(
         parsed.folder,
-        find_configuration("cameras", parsed.camera),
+        find_configuration("cameras", parsed.camera_file),
         Board(parsed.board[0], parsed.board[1], parsed.square),
         parsed.out,
         num_processes=parsed.workers,
@@ -87,7 +87,7 @@ def _build_parser() -> CommandParser:
     add = parser.add_argument
     add("folder", type=Path, metavar="FOLDER", help="photographs of one camera, JPEG or PNG")
     add_output(parser, "out/real", "folder for report.html, real.json, and the twins' files")
-    add("--camera", default="kaidan_360", metavar="FILE", help="camera ini, or a bundled name")
+    add("--camera-file", default="kaidan_360", metavar="FILE", help="camera ini, or a bundled name")
     add("--board", type=_parse_board, default=(11, 7), metavar="11x7",
         help="inner corners of the chessboard")  # fmt: skip
     add("--square", type=_parse_square, default=0.03, metavar="M", help="side of its squares")

@@ -33,10 +33,10 @@ from catoptra_studies.plot_style import Image
 from catoptra_studies.real.board_calibration import (
     BoardPose,
     Calibration,
-    are_mirrored,
     calibrate,
     cross_validate,
     find_pose,
+    have_other_hand,
     measure_straightness_px,
     order_corners,
 )
@@ -140,7 +140,7 @@ def _run_study(options: StudyOptions, run: _Workers, on_step: Callable[[], None]
     found = read_photographs(options.folder, board, (file_camera.width_px, file_camera.height_px))
     boards = found.with_boards
     corners = [one.corners_px for one in boards if one.corners_px is not None]
-    if are_mirrored(file_camera, corners, board):
+    if have_other_hand(file_camera, corners, board):
         raise CatoptraError(
             f"{options.folder}: the photographs are turned round left to right against "
             f"{options.camera_file}: their boards fit its mirrored picture; turn them back, or "

@@ -122,6 +122,7 @@ def write_mirror_camera(
     angles = np.linspace(0.0, rim_deg, math.ceil(rim_deg / _KNOT_DEG) + 1)
     radii = camera.radius_px_from_t(np.tan(0.5 * np.radians(angles)))
     lines = [
+        "; Written by `make real IMAGES=FOLDER UPDATE=yes`: see docs/real-mirror.md.",
         "[Camera]",
         "ItemClass=Catoptra.RadialTableMirror",
         f'Title="{title}, as a mirror below its capture lens"',
@@ -131,7 +132,7 @@ def write_mirror_camera(
         "[Catoptra.RadialTableMirror]",
         "Angles=" + ",".join(f"{angle:.6f}" for angle in angles),
         "Radii=" + ",".join(f"{radius:.4f}" for radius in radii),
-        f"FocalLength={focal_px:.3f}       ; px, of the capture lens, by the edges' widths",
+        f"FocalLength={focal_px:.3f}       ; px, capture lens: edges hardly tell it from others",
         f"VertexDistance={vertex_m:g}          ; assumed, m: scales FNumber alone",
         f"RimAngle={rim_deg - 1e-4:.4f}",
         "Central=always",
