@@ -41,9 +41,10 @@ static int allocate(BlurPlan *plan, const View *view, int num_objects) {
     plan->instants = calloc(tiles, sizeof(uint16_t));
     plan->masks = calloc(tiles, 1);
     plan->thin = calloc(tiles, 1);
+    plan->whole = calloc(tiles, sizeof(uint16_t));
     plan->cells = malloc(2 * CHANNELS * cells);
     int is_whole = plan->objects && plan->means && plan->speeds && plan->instants && plan->masks &&
-                   plan->thin && plan->cells;
+                   plan->thin && plan->whole && plan->cells;
     for (int level = 0; level < BEAM_LEVELS; level++) {
         const BeamLevel *parts = &view->levels[level];
         plan->wanted[level] = calloc((size_t)parts->rows * (size_t)parts->columns, 1);
@@ -93,6 +94,7 @@ void release_plan(BlurPlan *plan) {
     free(plan->instants);
     free(plan->masks);
     free(plan->thin);
+    free(plan->whole);
     free(plan->cells);
     free(plan);
 }
@@ -259,6 +261,7 @@ void note_means(const FrameState *state, int tile, const float means[3][TILE_PX 
     memcpy(plan->means + (size_t)tile * CHANNELS * BLOCK_RAYS, means,
            sizeof(float) * CHANNELS * BLOCK_RAYS);
     uint32_t whole = find_whole_pixels(state, tile);
+    plan->whole[state->rays->tiles[tile]] = (uint16_t)whole;
     float gain = state->frame->largest_gain;
     for (int cell = 0; cell < CELLS * CELLS; cell++) {
         uint8_t *at = plan->cells + find_cell(state, tile, cell);
@@ -476,7 +479,7 @@ static void fill_rim(const FrameState *state) {
     for (int i = 0; i < 2 * CHANNELS; i++)
         extremes[i] = extreme_of(plan->cells + plane * (size_t)i, plane, i >= CHANNELS);
     for (int tile = 0; tile < state->rays->num_tiles; tile++) {
-        uint32_t whole = find_whole_pixels(state, tile);
+        uint32_t whole = plan->whole[state->rays->tiles[tile]];
         for (int cell = 0; whole != 0xffff && cell < CELLS * CELLS; cell++)
             for (int i = 0; !is_cell_whole(whole, cell) && i < 2 * CHANNELS; i++)
                 plan->cells[plane * (size_t)i + find_cell(state, tile, cell)] = extremes[i];
@@ -498,8 +501,8 @@ static void collect_pixels(const FrameState *state, int32_t number,
             int32_t at = number + i * columns + k, tile = is_beside ? -1 : view->tile_at[at];
             int top = i < 0 ? TILE_PX - MAX_NEAR : 0, left = k < 0 ? TILE_PX - MAX_NEAR : 0;
             int bottom = i > 0 ? MAX_NEAR : TILE_PX, right = k > 0 ? MAX_NEAR : TILE_PX;
-            uint32_t known = tile < 0 || state->plan->thin[at] ? 0 : find_whole_pixels(state, tile);
-            for (int y = top; y < bottom; y++)
+            uint32_t known = tile < 0 || state->plan->thin[at] ? 0 : state->plan->whole[at];
+            for (int y = top; known != 0xffff && y < bottom; y++)
                 for (int x = left; x < right; x++)
                     unknown[TILE_PX * i + y + MAX_NEAR] |= (~known >> (TILE_PX * y + x) & 1)
                                                            << (TILE_PX * k + x + MAX_NEAR);

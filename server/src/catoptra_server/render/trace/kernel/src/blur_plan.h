@@ -26,6 +26,7 @@ typedef struct BlurPlan {
     int cell_rows, cell_columns; /* squares of 2 x 2 pixels */
     uint8_t *cells; /* (6, rows, columns) codes of the least and greatest light by channel */
     uint16_t *instants;  /* (tile rows, tile columns) at least; 0: the sharp frame is enough */
+    uint16_t *whole; /* likewise: bit mask of the pixels all of whose rays see the mirror */
     uint8_t *thin;       /* likewise: whether something there may pass between the samples */
     uint8_t *masks;      /* likewise: bit mask of the cells that motion may change, row by row */
     uint8_t *wanted[BEAM_LEVELS]; /* parts with such tiles */
