@@ -1,13 +1,15 @@
 """What each effect of the real camera adds to a clean picture, in six worlds.
 
-Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/effect_shares.py [--other CHECKOUT]
+Run: OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests .venv/bin/python tests/measurements/effect_shares.py
 
 Prints processor milliseconds of all threads of a picture of
 configs/robots/p2at_omni_real.ini, 640 x 480 px, through `ViewCache` as in the server: the clean
 picture, what each effect alone adds, and what all together add, at rest and at 0.5 m/s and
-0.5 rad/s, with MaxChange=0.5; and what all add with MaxChange=8. With a second checkout that has
-its own environment, both draw in turns, and its figures follow in brackets: medians of frames that
-a disturbance meets alike.
+0.5 rad/s, with MaxChange=0.5; what all add with MaxChange=8 and with the robot file's own numbers;
+and all effects in mode auto with parameters that call for none, without those that the world needs
+even so. With --other and a checkout that has its own environment, both draw in turns, and its
+figures follow in brackets: medians of frames that a disturbance meets alike. The image chain alone:
+image_chain.py.
 """
 
 from __future__ import annotations
@@ -22,6 +24,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from effect_frame_times import make_unneeded_settings
+
 from catoptra_server.commands import explain
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.startup import StartupConfig, read_startup_config
@@ -33,6 +37,7 @@ from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.renderers import RendererPool, choose_renderer
 from catoptra_server.frames.views import ViewCache
 from catoptra_server.simulation.robot_description import PlanarPose
+from catoptra_server.world.objects import CameraState
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import World
 from helpers.lit_worlds import make_hall, make_tunnel
@@ -72,12 +77,20 @@ def make_draws(name: str) -> Draws:
     rows = {"clean": (), **{s.effect.name: (s,) for s in named}, "all": tuple(named)}
     rules = {row: EffectSettings(settings, STRICT) for row, settings in rows.items()}
     rules["all to 8 levels"] = EffectSettings(tuple(named), LAX)
+    rules["all as shipped"] = omni.effects
     draws: Draws = {}
     for motion, velocity in MOTIONS.items():
         state = explain.build_camera_state(robot, omni, pose, velocity)
-        for row, rule in rules.items():
+
+        def request_frame(rule: EffectSettings, state: CameraState = state) -> ViewRequest:
             spec = OmniCameraSpec(omni.camera, omni.render_settings, rule)
-            request = ViewRequest(spec, state)
+            return ViewRequest(spec, state)
+
+        found = views.render(request_frame(make_unneeded_settings(frozenset())))
+        needed = frozenset(one.effect for one in found.effect_decisions if one.enabled)
+        unneeded = {"none needed": make_unneeded_settings(needed)}
+        for row, rule in (rules | unneeded).items():
+            request = request_frame(rule)
             draws[motion, row] = lambda request=request: views.render(request)  # type: ignore[misc]
     return draws
 

@@ -135,8 +135,7 @@ static void sample_instant(BlurTile *blur, float phase, int is_end) {
             float centre =
                 state->is_rolling ? row_time(state, (float)(blur->top + unit) + 0.5f) : 0.5f;
             moved.time = centre + phase * state->frame->exposure;
-            rigid_pose_at(state->frame->camera, state->frame->num_poses, 1, moved.time,
-                          &moved.camera);
+            moved.camera = pose_at_phase(state, centre, phase);
             content = move_content(&moved, blur->content, &short_list);
             is_placed = 1;
         }
