@@ -135,7 +135,8 @@ static void sample_instant(BlurTile *blur, float phase, int is_end) {
             float centre =
                 state->is_rolling ? row_time(state, (float)(blur->top + unit) + 0.5f) : 0.5f;
             moved.time = centre + phase * state->frame->exposure;
-            moved.camera = pose_at_phase(state, centre, phase);
+            rigid_pose_at(state->frame->camera, state->frame->num_poses, 1, moved.time,
+                          &moved.camera);
             content = move_content(&moved, blur->content, &short_list);
             is_placed = 1;
         }

@@ -4,7 +4,6 @@
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "blur_intervals.h"
 
-#include "blur_plan.h"
 #include "measures.h"
 #include "occlusion.h"
 #include "pixels.h"
@@ -203,7 +202,8 @@ static int find_instants(const FrameState *state, int tile, float centre, int pa
     for (int i = 0; i <= parts; i++) {
         Pose *pose = &poses[i];
         float phase = (float)i / (float)parts - 0.5f;
-        *pose = pose_at_phase(state, centre, phase);
+        rigid_pose_at(state->frame->camera, state->frame->num_poses, 1,
+                      centre + phase * state->frame->exposure, pose);
         for (int ray = 0; ray < 4; ray++)
             instants->edges[i][ray] = rotate(pose->rotation, instants->mirror_edges[ray]);
     }

@@ -41,10 +41,9 @@ static int allocate(BlurPlan *plan, const View *view, int num_objects) {
     plan->instants = calloc(tiles, sizeof(uint16_t));
     plan->masks = calloc(tiles, 1);
     plan->thin = calloc(tiles, 1);
-    plan->whole = calloc(tiles, sizeof(uint16_t));
     plan->cells = malloc(2 * CHANNELS * cells);
     int is_whole = plan->objects && plan->means && plan->speeds && plan->instants && plan->masks &&
-                   plan->thin && plan->whole && plan->cells;
+                   plan->thin && plan->cells;
     for (int level = 0; level < BEAM_LEVELS; level++) {
         const BeamLevel *parts = &view->levels[level];
         plan->wanted[level] = calloc((size_t)parts->rows * (size_t)parts->columns, 1);
@@ -69,9 +68,6 @@ BlurPlan *create_plan(const FrameState *state) {
     }
     plan->is_blurred = frame->exposure > 0.0f;
     plan->interval = 1.0f / (float)(frame->num_poses - 1);
-    for (int i = 0; plan->is_blurred && i <= MAX_PHASES; i++)
-        rigid_pose_at(frame->camera, frame->num_poses, 1,
-                      0.5f + ((float)i / MAX_PHASES - 0.5f) * frame->exposure, plan->phases + i);
     float times[3] = {0.5f, 0.5f - 0.5f * plan->interval, 0.5f + 0.5f * plan->interval};
     Pose *cameras[3] = {&plan->camera, &plan->begin, &plan->end};
     for (int i = 0; i < 3; i++) {
@@ -94,20 +90,8 @@ void release_plan(BlurPlan *plan) {
     free(plan->instants);
     free(plan->masks);
     free(plan->thin);
-    free(plan->whole);
     free(plan->cells);
     free(plan);
-}
-
-Pose pose_at_phase(const FrameState *state, float centre, float phase) {
-    const Frame *frame = state->frame;
-    float place = (phase + 0.5f) * MAX_PHASES;
-    int at = (int)place;
-    Pose pose;
-    if (centre == 0.5f && at >= 0 && at <= MAX_PHASES && place == (float)at)
-        return state->plan->phases[at];
-    rigid_pose_at(frame->camera, frame->num_poses, 1, centre + phase * frame->exposure, &pose);
-    return pose;
 }
 
 static Vec3 unit(Vec3 a) { return scale(1.0f / sqrtf(dot(a, a)), a); }
@@ -169,21 +153,17 @@ typedef struct {
 } Extremes;
 
 static Extremes find_extremes(const RayBlock *rays, const HitBlock *hits, int is_object) {
-    uint32_t objects = bits16(load_ints16(hits->object) > OBJECT_STATIC);
-    uint32_t lanes = rays->active & (is_object ? objects : ~objects);
-    if (!lanes)
-        return (Extremes){-1, -1};
-    float least = INFINITY, most = 0.0f;
+    Extremes found = {-1, -1};
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        int is_one = lanes >> lane & 1;
+        if (!(rays->active >> lane & 1) || (hits->object[lane] > OBJECT_STATIC) != is_object)
+            continue;
         float range = rays->limit[lane];
-        least = is_one && range < least ? range : least;
-        most = is_one && range > most ? range : most;
+        if (found.nearest < 0 || range < rays->limit[found.nearest])
+            found.nearest = lane;
+        if (found.farthest < 0 || range > rays->limit[found.farthest])
+            found.farthest = lane;
     }
-    Floats16 ranges = load16(rays->limit);
-    uint32_t nearest = lanes & bits16(ranges == least), farthest = lanes & bits16(ranges == most);
-    return (Extremes){__builtin_ctz(nearest ? nearest : lanes),
-                      __builtin_ctz(farthest ? farthest : lanes)};
+    return found;
 }
 
 static Vec3 mirror_direction(const FrameState *state, const RayBlock *rays, int lane) {
@@ -261,7 +241,6 @@ void note_means(const FrameState *state, int tile, const float means[3][TILE_PX 
     memcpy(plan->means + (size_t)tile * CHANNELS * BLOCK_RAYS, means,
            sizeof(float) * CHANNELS * BLOCK_RAYS);
     uint32_t whole = find_whole_pixels(state, tile);
-    plan->whole[state->rays->tiles[tile]] = (uint16_t)whole;
     float gain = state->frame->largest_gain;
     for (int cell = 0; cell < CELLS * CELLS; cell++) {
         uint8_t *at = plan->cells + find_cell(state, tile, cell);
@@ -479,35 +458,27 @@ static void fill_rim(const FrameState *state) {
     for (int i = 0; i < 2 * CHANNELS; i++)
         extremes[i] = extreme_of(plan->cells + plane * (size_t)i, plane, i >= CHANNELS);
     for (int tile = 0; tile < state->rays->num_tiles; tile++) {
-        uint32_t whole = plan->whole[state->rays->tiles[tile]];
+        uint32_t whole = find_whole_pixels(state, tile);
         for (int cell = 0; whole != 0xffff && cell < CELLS * CELLS; cell++)
             for (int i = 0; !is_cell_whole(whole, cell) && i < 2 * CHANNELS; i++)
                 plan->cells[plane * (size_t)i + find_cell(state, tile, cell)] = extremes[i];
     }
 }
 
-/* Light of a tile's pixels and of those around, and bit masks of each row's that are not known: not
- * wholly on the mirror, or where something may pass between the samples. */
-static void collect_pixels(const FrameState *state, int32_t number,
-                           float light[CHANNELS][AROUND][AROUND], uint32_t unknown[AROUND]) {
+/* Light of a tile's pixels and of those around; 0 if one is not wholly on the mirror. */
+static int collect_pixels(const FrameState *state, int32_t number,
+                          float light[CHANNELS][AROUND][AROUND]) {
     const View *view = state->view;
     int columns = view->rays.tile_columns, row = number / columns, column = number % columns;
-    memset(light, 0, sizeof(float) * CHANNELS * AROUND * AROUND);
-    memset(unknown, 0, sizeof(uint32_t) * AROUND);
+    if (row < 1 || column < 1 || row + 1 >= view->tile_rows || column + 1 >= columns)
+        return 0;
     for (int i = -1; i <= 1; i++)
         for (int k = -1; k <= 1; k++) {
-            int is_beside = row + i < 0 || row + i >= view->tile_rows || column + k < 0 ||
-                            column + k >= columns;
-            int32_t at = number + i * columns + k, tile = is_beside ? -1 : view->tile_at[at];
+            int32_t tile = view->tile_at[number + i * columns + k];
+            if (tile < 0 || !is_wholly_valid(state, tile))
+                return 0;
             int top = i < 0 ? TILE_PX - MAX_NEAR : 0, left = k < 0 ? TILE_PX - MAX_NEAR : 0;
             int bottom = i > 0 ? MAX_NEAR : TILE_PX, right = k > 0 ? MAX_NEAR : TILE_PX;
-            uint32_t known = tile < 0 || state->plan->thin[at] ? 0 : state->plan->whole[at];
-            for (int y = top; known != 0xffff && y < bottom; y++)
-                for (int x = left; x < right; x++)
-                    unknown[TILE_PX * i + y + MAX_NEAR] |= (~known >> (TILE_PX * y + x) & 1)
-                                                           << (TILE_PX * k + x + MAX_NEAR);
-            if (!known)
-                continue;
             const float *means = state->plan->means + (size_t)tile * CHANNELS * BLOCK_RAYS;
             for (int channel = 0; channel < CHANNELS; channel++)
                 for (int y = top; y < bottom; y++)
@@ -515,18 +486,7 @@ static void collect_pixels(const FrameState *state, int32_t number,
                         light[channel][TILE_PX * i + y + MAX_NEAR][TILE_PX * k + x + MAX_NEAR] =
                             means[channel * BLOCK_RAYS + y * TILE_PX + x];
         }
-}
-
-/* First row, or column, within reach of a cell at a place of two, of those around a tile. */
-static int first_within(int place, int reach) { return MAX_NEAR - reach + 2 * place; }
-
-/* Whether all pixels within reach of a cell are known. */
-static int is_known_around(const uint32_t unknown[AROUND], int cell, int reach) {
-    int top = first_within(cell / CELLS, reach), width = 2 + 2 * reach;
-    uint32_t all = 0;
-    for (int y = top; y < top + width; y++)
-        all |= unknown[y];
-    return !(all >> first_within(cell % CELLS, reach) & ((1u << width) - 1));
+    return 1;
 }
 
 /* Largest second difference of a row of pixels, along the axes and both diagonals. */
@@ -561,7 +521,8 @@ static void bound_near_changes(const Frame *frame, const float light[CHANNELS][A
         for (int y = 1; y < AROUND - 1; y++)
             bends[y] = find_bends(rows + y - 1);
         for (int cell = 0; cell < CELLS * CELLS; cell++) {
-            int top = first_within(cell / CELLS, reach), left = first_within(cell % CELLS, reach);
+            int top = MAX_NEAR - reach + cell / CELLS * 2;
+            int left = MAX_NEAR - reach + cell % CELLS * 2;
             int bottom = top + 2 + 2 * reach, right = left + 2 + 2 * reach;
             Floats8 least = rows[top], most = rows[top], bend = bends[top + 1];
             for (int y = top + 1; y < bottom; y++) {
@@ -580,21 +541,30 @@ static void bound_near_changes(const Frame *frame, const float light[CHANNELS][A
     }
 }
 
+/* Whether something in a tile or beside it may pass between the samples. */
+static int is_thin_around(const FrameState *state, int32_t number) {
+    int columns = state->rays->tile_columns, row = number / columns, column = number % columns;
+    for (int i = row > 0 ? row - 1 : 0; i <= row + 1 && i < state->view->tile_rows; i++)
+        for (int k = column > 0 ? column - 1 : 0; k <= column + 1 && k < columns; k++)
+            if (state->plan->thin[i * columns + k])
+                return 1;
+    return 0;
+}
+
 void choose_cells(const FrameState *state, int tile) {
     uint8_t *mask = state->plan->masks + state->rays->tiles[tile];
     int reach = *mask / NEAR;
     _Alignas(32) float light[CHANNELS][AROUND][AROUND];
     float bounds[CELLS * CELLS] = {0};
-    uint32_t unknown[AROUND];
     *mask %= NEAR;
     /* A single sample misses what is thinner than a pixel: all that is farther counts, too. */
-    if (!*mask || !reach || state->rays->samples < 2 || state->plan->thin[state->rays->tiles[tile]])
+    if (!*mask || !reach || state->rays->samples < 2 ||
+        is_thin_around(state, state->rays->tiles[tile]) ||
+        !collect_pixels(state, state->rays->tiles[tile], light))
         return;
-    collect_pixels(state, state->rays->tiles[tile], light, unknown);
     bound_near_changes(state->frame, light, reach, bounds);
     for (int cell = 0; cell < CELLS * CELLS; cell++)
-        if (*mask >> cell & 1 && is_known_around(unknown, cell, reach) &&
-            !is_visible(state, bounds[cell], INFINITY))
+        if (*mask >> cell & 1 && !is_visible(state, bounds[cell], INFINITY))
             *mask &= (uint8_t)~(1 << cell);
 }
 

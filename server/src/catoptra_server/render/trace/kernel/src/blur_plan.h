@@ -12,21 +12,16 @@
 #include "frame_state.h"
 #include "pixel_change.h"
 
-/* Parts of an exposure whose poses are kept: a power of two. */
-enum { MAX_PHASES = 64 };
-
 typedef struct BlurPlan {
     int is_blurred; /* rows are exposed for some time */
     float interval; /* time between the two poses below */
     Pose camera, begin, end;
-    Pose phases[MAX_PHASES + 1]; /* of the camera at parts of an exposure about the middle */
     Pose *objects; /* (o, 3) likewise */
     float *means;  /* (t, 3, 16) of the sharp frame's pixels, linear */
     float *speeds; /* (tile rows, tile columns) largest displacement in the poses' whole time, px */
     int cell_rows, cell_columns; /* squares of 2 x 2 pixels */
     uint8_t *cells; /* (6, rows, columns) codes of the least and greatest light by channel */
     uint16_t *instants;  /* (tile rows, tile columns) at least; 0: the sharp frame is enough */
-    uint16_t *whole; /* likewise: bit mask of the pixels all of whose rays see the mirror */
     uint8_t *thin;       /* likewise: whether something there may pass between the samples */
     uint8_t *masks;      /* likewise: bit mask of the cells that motion may change, row by row */
     uint8_t *wanted[BEAM_LEVELS]; /* parts with such tiles */
@@ -37,9 +32,6 @@ typedef struct BlurPlan {
 /* Space for a moving frame; NULL if memory is short. */
 BlurPlan *create_plan(const FrameState *state);
 void release_plan(BlurPlan *plan);
-
-/* The camera's pose at a part of the exposure, -1/2 to 1/2, about a time. */
-Pose pose_at_phase(const FrameState *state, float centre, float phase);
 
 /* Take down the motion of what a block of rays meets, by the distances of the hits. */
 void note_hits(const FrameState *state, int tile, const RayBlock *rays, const HitBlock *hits);
