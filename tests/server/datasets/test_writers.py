@@ -15,7 +15,7 @@ from catoptra_protocol.optics.transforms import Pose
 from catoptra_protocol.shards import iterate_samples
 from catoptra_server.datasets.poses import measure_motion
 from catoptra_server.datasets.writers import _read_rotation
-from helpers.dataset_recipes import write_drive
+from helpers.dataset_recipes import stage_recipe, write_drive, write_recipe
 from helpers.drawn_datasets import draw_dataset
 from helpers.run_lengths import mask_from_string
 
@@ -87,6 +87,19 @@ def test_yolo_reads_the_boxes(folder: Path, samples: list[dict[str, Any]]) -> No
         for (_, (u, v, width, height)), one in zip(rows, sample["objects"], strict=True):
             box = 64 * np.array((u - 0.5 * width, v - 0.5 * height, width, height))
             np.testing.assert_allclose(box, one["box_px"], atol=1e-6)
+
+
+def test_fixed_numbers_of_classes_are_those_of_coco_and_the_order_of_yolo(tmp_path: Path) -> None:
+    scene = stage_recipe(write_recipe(tmp_path)).world(0).scene
+    known = sorted({"robot", *(one.class_name for one in scene.objects)}, reverse=True)
+    numbers = {name: 3 * number + 7 for number, name in enumerate(known)}
+    lines = ("Formats=coco,yolo",)
+    fixed = ("[Catoptra.Classes]", *(f"{name}={number}" for name, number in numbers.items()))
+    folder = draw_dataset(write_recipe(tmp_path, *fixed, lines=lines), tmp_path / "out")
+    categories = json.loads((folder / "annotations.json").read_bytes())["categories"]
+    assert {one["name"]: one["id"] for one in categories} == numbers
+    names = yaml.safe_load((folder / "yolo/data.yaml").read_text(encoding="utf-8"))["names"]
+    assert [*names.values()] == known
 
 
 def fill(points: np.ndarray, side: int) -> np.ndarray:

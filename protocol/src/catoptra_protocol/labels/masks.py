@@ -11,7 +11,7 @@ All objects of an image are found at once, in arrays of runs and of corners, an 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -207,11 +207,19 @@ class CocoImage:
     """Records of `ObjectAnnotation.to_json`."""
 
 
-def coco_from_images(images: Sequence[CocoImage]) -> dict[str, Any]:
-    """Content of a COCO file; images are numbered from 1 in their order, annotations likewise."""
+def coco_from_images(
+    images: Sequence[CocoImage], categories: Mapping[str, int] | None = None
+) -> dict[str, Any]:
+    """Content of a COCO file; images are numbered from 1 in their order, annotations likewise.
+
+    Args:
+        images: Images with their objects.
+        categories: Numbers of all classes; None: those that occur, from 1 in their alphabet.
+    """
     annotations: list[dict[str, Any]] = []
-    names = sorted({one["class"] for image in images for one in image.objects})
-    categories = {name: number for number, name in enumerate(names, 1)}
+    if categories is None:
+        names = sorted({one["class"] for image in images for one in image.objects})
+        categories = {name: number for number, name in enumerate(names, 1)}
     for image_id, image in enumerate(images, 1):
         for one in image.objects:
             annotations.append(

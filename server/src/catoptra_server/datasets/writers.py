@@ -63,8 +63,8 @@ class SummaryWriter(Protocol):
 
 
 class _CocoWriter:
-    def __init__(self, path: Path, images: Path | None = None) -> None:
-        self._path, self._folder = path, images
+    def __init__(self, path: Path, stage: DatasetStage, images: Path | None = None) -> None:
+        self._path, self._folder, self._stage = path, images, stage
         self._images: list[CocoImage] = []
 
     def add(self, metadata: _Record, picture: bytes) -> None:
@@ -77,7 +77,7 @@ class _CocoWriter:
             write_plain(self._folder / name, picture)
 
     def finish(self) -> None:
-        content = coco_from_images(self._images)
+        content = coco_from_images(self._images, self._stage.recipe.class_numbers)
         write_whole(self._path, [json.dumps(content, sort_keys=True).encode()])
 
 
@@ -86,9 +86,13 @@ class _YoloWriter:
 
     def __init__(self, folder: Path, stage: DatasetStage, describe: Callable[[_Record], str]):
         self._folder, self._describe = folder, describe
-        worlds = range(len(stage.recipe.worlds))
-        classes = {name for n in worlds for name in SceneLabels(stage.world(n).scene).classes}
-        self._classes = sorted(classes)
+        # YOLO counts classes from 0 without gaps: fixed numbers give their order.
+        numbers = stage.recipe.class_numbers or {
+            name: 0
+            for world in range(len(stage.recipe.worlds))
+            for name in SceneLabels(stage.world(world).scene).classes
+        }
+        self._classes = sorted(numbers, key=lambda name: (numbers[name], name))
 
     def add(self, metadata: _Record, picture: bytes) -> None:
         lines = []
@@ -314,9 +318,9 @@ class _ParquetWriter:
 
 
 _WRITERS: Mapping[str, Callable[[Path, DatasetStage], SummaryWriter]] = {
-    "coco": lambda folder, _: _CocoWriter(folder / "annotations.json"),
-    "coco_folder": lambda folder, _: _CocoWriter(
-        folder / "coco/annotations/instances.json", folder / "coco/images"
+    "coco": lambda folder, stage: _CocoWriter(folder / "annotations.json", stage),
+    "coco_folder": lambda folder, stage: _CocoWriter(
+        folder / "coco/annotations/instances.json", stage, folder / "coco/images"
     ),
     "yolo": lambda folder, stage: _YoloWriter(folder / "yolo", stage, _describe_yolo_box),
     "yolo_polygons": lambda folder, stage: _YoloWriter(
