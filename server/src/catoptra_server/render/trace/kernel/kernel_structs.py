@@ -354,6 +354,7 @@ class BakeLamp(ctypes.Structure):
 
     _fields_: ClassVar[Fields] = [
         ("kind", c_int32),
+        ("column", c_int32),
         ("area", c_float),
         ("corner", c_double * 3),
         ("side_x", c_float * 3),
@@ -379,6 +380,7 @@ class BakeJob(ctypes.Structure):
         ("stride", c_int64),
         *_addresses("backs"),
         ("num_lamps", c_int32),
+        ("num_columns", c_int32),
         *_addresses("lamps", "light"),
     ]
 

@@ -173,7 +173,7 @@ static void light_node(const BakeJob *job, int32_t node) {
     Vec3 origin;
     const Mesh *casters = job->casters;
     const double *place = place_node(casters, job->positions + 3 * (size_t)node, &origin);
-    float *light = job->light + (size_t)node * (size_t)job->num_lamps;
+    float *light = job->light + (size_t)node * (size_t)job->num_columns;
     for (int first = 0; first < job->num_lamps; first += LAMPS_AT_ONCE) {
         RayBlock rays = {.has_origins = 0};
         float weights[BLOCK_RAYS] = {0};
@@ -191,7 +191,7 @@ static void light_node(const BakeJob *job, int32_t node) {
             seen &= ~occlude_bvh(&casters->bvh, place, &rays, NULL);
         for (int lane = 0; lane < BLOCK_RAYS; lane++)
             if (seen >> lane & 1)
-                light[first + lane / SAMPLES] += weights[lane];
+                light[job->lamps[first + lane / SAMPLES].column] += weights[lane];
     }
 }
 

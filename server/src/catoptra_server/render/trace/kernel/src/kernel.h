@@ -346,6 +346,7 @@ CATOPTRA_EXPORT void catoptra_cast(const Mesh *mesh, int64_t count, const double
 /* A light that the nodes of grids see; of a rectangle the whole area shines, on one side. */
 typedef struct {
     int32_t kind;
+    int32_t column;   /* of its light; that of several is their sum */
     float area;       /* of a rectangle, square metres */
     double corner[3]; /* of a rectangle; place of a point light */
     float side_x[3], side_y[3];
@@ -375,9 +376,9 @@ typedef struct {
     int32_t *hits;           /* of the first node's first ray */
     int64_t stride;          /* from node to node */
     int32_t *backs;          /* (n,) counts rays that meet backs, near nodes of surfaces */
-    int32_t num_lamps;
+    int32_t num_lamps, num_columns;
     const BakeLamp *lamps;
-    float *light;            /* (n, num_lamps) irradiance by lamps of one unit is added */
+    float *light;            /* (n, num_columns) irradiance by lamps of one unit is added */
 } BakeJob;
 
 /* Means of radiance over stored hits. */
