@@ -161,7 +161,7 @@ cameras: $(READY) ## Draw a gallery of all camera models in one world; writes ou
 	$(BIN)/catoptra-studies cameras --out out/cameras $(if $(CAMERAS),--cameras $(CAMERAS)) \
 	  $(if $(WORLD),--world $(WORLD))
 
-real: $(READY) ## Compare photographs through a real mirror with pictures of their twins, 5 minutes on two cores; writes out/real/report.html: IMAGES=FOLDER [CAMERA=kaidan_360] [BOARD=11x7] [SQUARE=0.03] [UPDATE=yes: docs, camera file]
+real: $(READY) ## Compare photographs through a real mirror with pictures of their twins, 2 minutes of processor time; writes out/real/report.html: IMAGES=FOLDER [CAMERA=kaidan_360] [BOARD=11x7] [SQUARE=0.03] [UPDATE=yes: docs, camera file]
 	@test -n "$(IMAGES)" || { echo "usage: make real IMAGES=FOLDER [CAMERA=kaidan_360] [BOARD=11x7] [SQUARE=0.03]"; exit 2; }
 	$(BIN)/catoptra-studies real "$(IMAGES)" --out out/real --camera-file $(or $(CAMERA),kaidan_360) --board $(or $(BOARD),11x7) \
 	  --square $(or $(SQUARE),0.03) $(if $(filter yes,$(UPDATE)),--page docs/real-mirror.md --fitted configs/cameras/kaidan_360_real.ini)

@@ -14,6 +14,7 @@ import pytest
 from PIL import Image as PillowImage
 
 from catoptra_protocol.errors import CatoptraError
+from catoptra_studies.real.picture_measures import encoded_level, linear_light
 from catoptra_studies.real.real_command import main
 from helpers.board_pictures import known_poses, write_lens, write_pictures
 
@@ -22,10 +23,15 @@ EFFECTS = ("ShotNoise=always", "ReadNoise=always", "FullWell=3000", "ReadNoiseEl
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with six pictures and their camera file."""
+    """Folder with six pictures, lit ever more to the rim, and their camera file."""
     folder = tmp_path_factory.mktemp("own")
     camera = write_lens(folder / "small.ini", 320)
-    write_pictures(folder, camera, known_poses(6), effects=EFFECTS)
+    known = write_pictures(folder, camera, known_poses(6), effects=EFFECTS)
+    v, u = np.mgrid[:240, :320] + 0.5 - np.array(known.camera.centre_px)[::-1, None, None]
+    gain = 1.0 + 0.4 * (u * u + v * v) / known.camera.rim_radius_px**2
+    for path in known.folder.iterdir():
+        light = linear_light(np.asarray(PillowImage.open(path), np.float64)) * gain[..., None]
+        PillowImage.fromarray(np.rint(encoded_level(light)).astype(np.uint8)).save(path)
     return folder
 
 
@@ -48,6 +54,10 @@ def test_whole_study_of_six_pictures_writes_report_page_and_camera(
         assert all(len(each) == 4 for each in row["closed"].values())
     noise = found["rows"]["noise of white, grey levels"]
     assert noise["closed"]["noise"][0] > 0.5 > abs(noise["closed"]["vignetting"][0])
+    # A gradient of light is no effect of the model: it remains.
+    light = found["rows"]["light lost at the rim, share"]
+    assert light["values"]["photographs"][0] < -0.2
+    assert light["closed"]["fitted camera"][0] < 0.1
     assert "Boards in 6 of 6" in page.read_text()
     assert (tmp_path / "real-twin.jpg").stat().st_size < 300_000
     assert "FNumber" in (tmp_path / "fitted.ini").read_text()
