@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
 
@@ -333,13 +333,16 @@ async def test_page_when_its_default_port_is_in_use_takes_a_free_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     use_renderer(monkeypatch, FakeView())
-    with socket.create_server((HOST, 0)) as occupied, socket.create_server((HOST, 0)) as spare:
-        control_port, port = spare.getsockname()[1], occupied.getsockname()[1]
-        spare.close()
+    with ExitStack() as stack:
+        sockets = [stack.enter_context(socket.create_server((HOST, 0))) for _ in range(3)]
+        port, control_port, stream_port = (one.getsockname()[1] for one in sockets)
+        for spare in sockets[1:]:
+            spare.close()
         monkeypatch.setattr(server_module, "VIEW_PORT", port)
         options = dataclasses.replace(
             make_options(tmp_path),
             server_options=ServerOptions(control_port=control_port, has_images=False),
+            stream_port=stream_port,
         )
         caplog.set_level("INFO")
         async with serve_for(options) as (address, _):

@@ -15,7 +15,7 @@ from catoptra_server.commands.doctor.machine import ok
 from helpers.configs import OMNI_ROBOT, Edit, write_edited_copy
 from helpers.opengl import device_or_skip
 
-FREE_PORTS = ("--control-port", "0", "--image-port", "0", "--stream-port", "0")
+FREE_PORTS = ("--control-port", "0", "--image-port", "0", "--stream-port", "0", "--view", "0")
 # One renderer and one file: the slow checks run in one test only.
 FAST_CHECKS = (*FREE_PORTS, "--renderer", "trace", "--robot", "p2at_omni")
 
