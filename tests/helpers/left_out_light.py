@@ -45,8 +45,13 @@ class LeftOut:
     """Difference of the picture from the one with both effects, grey levels."""
     visible_share: float
     """Pixels that differ by more than a level, which rounding alone may make."""
-    contribution: float
-    """Difference of the picture with both effects from the one with none."""
+    contributions: dict[str, float]
+    """By the name of each effect: what the picture loses without it alone, grey levels."""
+
+    def stated(self, name: str) -> float:
+        """Grey levels that an effect is stated to change at most."""
+        decision = self.decisions[name]
+        return decision.bound if decision.change is None else decision.change
 
 
 def draw_poses(
@@ -63,10 +68,8 @@ def draw_poses(
     lit = light_scene(build_scene(world), world)
     auto = reduce(name_effect, WORLD_EFFECTS, NO_EFFECT_SETTINGS)
     auto = replace(auto, max_change=max_change, visible_share=visible_share)
-    forced, none = (
-        replace(auto, settings=tuple(replace(one, mode=mode) for one in auto.settings))
-        for mode in (EffectMode.ALWAYS, EffectMode.NEVER)
-    )
+    names = [one.effect.name for one in auto.settings]
+    forced, *alone = (_force(auto, name) for name in ("", *names))
     choice = choose_renderer("trace", lit.scene, lit.world, threads=2, gains=(1.0, 1.0))
     summarizer = SceneSummarizer(lit.scene, lit.world)
     views = ViewCache(RenderPlanner(RendererPool(choice)), summarizer)
@@ -82,14 +85,27 @@ def draw_poses(
             x, y = generator.uniform(-_REACH_M, _REACH_M, 2)
             place = start + np.array([x, y, -generator.uniform(*_HEIGHTS_M)])
             pose = Pose.from_rpy(tuple(place), (0.0, 0.0, generator.uniform(-np.pi, np.pi)))
-            views_drawn = [draw(effects, CameraState(pose)) for effects in (auto, forced, none)]
-            chosen, both, plain = (view.image.rgb.astype(np.float64) for view in views_drawn)
+            views_drawn = [draw(effects, CameraState(pose)) for effects in (auto, forced, *alone)]
+            chosen, both, *without = (view.image.rgb.astype(np.float64) for view in views_drawn)
             difference = np.abs(chosen - both).max(axis=-1)
             yield LeftOut(
                 {decision.effect: decision for decision in views_drawn[0].effect_decisions},
                 float(difference.max()),
                 float((difference > 1.0).mean()),
-                float(np.abs(both - plain).max()),
+                {
+                    name: float(np.abs(both - one).max())
+                    for name, one in zip(names, without, strict=True)
+                },
             )
     finally:
         views.close()
+
+
+def _force(auto: EffectSettings, left_out: str) -> EffectSettings:
+    """The same settings with all effects but one drawn whatever they change."""
+    modes = (
+        EffectMode.NEVER if one.effect.name == left_out else EffectMode.ALWAYS
+        for one in auto.settings
+    )
+    pairs = zip(auto.settings, modes, strict=True)
+    return replace(auto, settings=tuple(replace(one, mode=mode) for one, mode in pairs))

@@ -22,7 +22,5 @@ def test_what_is_left_out_changes_no_picture_by_more_than_allowed(
         # Rounded to whole levels.
         assert pose.largest <= max_change + 1.0
         assert pose.visible_share <= visible_share
-        stated = [
-            one.bound if one.change is None else one.change for one in pose.decisions.values()
-        ]
-        assert pose.contribution <= max(stated) + 1.0
+        for name, contribution in pose.contributions.items():
+            assert contribution <= pose.stated(name) + 1.0

@@ -36,6 +36,16 @@ def test_bound_covers_every_node_on_every_surface(
             assert find_changes(nodes, mean, gains).max() <= bound + 1e-9
 
 
+def test_bound_covers_means_of_surfaces_beyond_white_and_below() -> None:
+    ranges = np.array([[8.0, 0.5], [5.5, 0.3], [8.0, 0.5]])[..., None] * np.ones(3)
+    light = replace(make_baked_map((1.0, 1.0, 1.0)), ranges=ranges)
+    summary = SceneSummary(1.0, light_bake=light, open_irradiance=(1.0,) * 3)
+    bound = BakedLight().bound(summary, CAMERA).value
+    for share in np.linspace(0.0, 1.0, 200):
+        nodes, mean = ([share, 1.0 - share] @ one for one in ranges[:2])
+        assert find_changes(nodes, mean, (1.0, 1.0)).max() <= bound < 60.0
+
+
 def test_light_that_nobody_misses_is_left_out_of_a_camera() -> None:
     settings = name_effect(EffectSettings(), "BakedLight")
     assert name_effect(settings, "BakedLight") is settings

@@ -14,6 +14,7 @@ draws no shade of bodies.
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
 import numpy as np
@@ -71,7 +72,12 @@ class BakedLight:
             f"{bodies}light differs on {differing} of {len(changes)} surfaces; "
             f"of 99 % of its nodes the stated error is below {light.stated_error:.3g} levels"
         )
-        return EffectBound(float(changes.max(initial=0.0)), reason)
+        # In a mean of samples up to white those beyond weigh less than their light's inverse, and
+        # all others 1 together: both add as powers of the curve, 2.4, or less than as squares.
+        is_bright = summary.gains[1] * ranges.max(axis=(0, 2), initial=0.0) > 1.0
+        squares = np.square(changes)
+        total = squares.max(initial=0.0) + squares[is_bright].max(initial=0.0)
+        return EffectBound(min(math.sqrt(total), 255.0), reason)
 
     def update_summary(self, summary: SceneSummary) -> SceneSummary:
         """Return the same summary: it counts with the brightest nodes."""

@@ -353,6 +353,55 @@ def test_surfaces_have_their_mean_light_where_the_effect_is_left_out() -> None:
     assert of_grids <= bound
 
 
+def light_slabs(brightest: float) -> tuple[SceneMesh, World]:
+    """Two white slabs, one above white, the other at half of it; boxes hide where they are dark."""
+    placed = (
+        (Box((8.0, 4.0, 0.2)), (0.0, -2.0, 0.1)),
+        (Box((8.0, 4.0, 0.2)), (0.0, 2.0, 0.1)),
+        (Box((3.0, 4.0, 0.5)), (2.5, -2.0, -0.25)),
+        (Box((3.8, 4.0, 0.5)), (2.1, 2.0, -0.25)),
+    )
+    world = World(
+        "slabs",
+        tuple(replace(one, material=Material((1.0, 1.0, 1.0))) for one in make_items(*placed)),
+        lights=(HemisphereLight((1.0,) * 3, (1.0,) * 3),),
+    )
+    scene = build_scene(world)
+    scene, world = bake_light(scene, world, 2, threads=1).apply(scene, world)
+    occlusion = scene.occlusion
+    assert occlusion is not None
+    texels = np.zeros_like(occlusion.texels)
+    from_world = np.stack((occlusion.columns_from_world, occlusion.rows_from_world), axis=1)
+    for grid, (left, top, right, bottom) in enumerate(occlusion.bounds.tolist()):
+        at = np.stack(np.meshgrid(np.arange(left, right + 1), np.arange(top, bottom + 1)), axis=-1)
+        to_world = np.linalg.pinv(from_world[grid, :, :3])
+        x, y, _ = np.moveaxis((at - from_world[grid, :, 3]) @ to_world.T, -1, 0)
+        normal = scene.normals[occlusion.patch_of == grid][0]
+        if normal[2] < -0.9 and np.ptp(x) > 5.0:
+            dark_from, light = (1.5, 1.0) if y.mean() < 0.0 else (0.8, 0.5 / brightest)
+            texels[:, top : bottom + 1, left : right + 1] = np.rint(65535 * light * (x < dark_from))
+    lights = (HemisphereLight((brightest,) * 3, (brightest,) * 3),)
+    scene = scene.repaint(occlusion=replace(occlusion, texels=texels))
+    return scene, replace(world, lights=lights)
+
+
+@pytest.mark.parametrize("brightest", [1.0, 4.0, 8.0])
+@pytest.mark.parametrize("spill", [(0.0, 0.0), (1.0, 0.02)])
+def test_no_mean_of_samples_beyond_white_changes_by_more_than_stated(
+    brightest: float, spill: tuple[float, float]
+) -> None:
+    scene, world = light_slabs(brightest)
+    state = CameraState(Pose.from_rpy((-1.2, 0.05, -1.1), (0.02, -0.03, 0.3)))
+    threshold = Threshold(1.0, spill=spill)
+    with open_kernel(world, scene=scene) as engine:
+        rays = engine.prepare(make_omni_table(width_px=240, samples=4))
+        request = TraceRequest(is_linear=True, thresholds={"BakedLight": threshold})
+        frame = rays.render(state, request)
+        plain = rays.render_linear(replace(state, has_baked_light=False))
+    change = measure_change(frame.image, plain, threshold).largest
+    assert 39.0 < change <= frame.changes["BakedLight"].largest
+
+
 def decide(scene: SceneMesh, world: World, state: CameraState) -> tuple[EffectDecision, ...]:
     settings = name_effect(name_effect(EffectSettings(), "SkyRadiance"), "BakedLight")
     summary = SceneSummarizer(scene, world).summarize(state, CAMERA)

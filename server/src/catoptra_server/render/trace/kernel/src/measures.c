@@ -11,6 +11,7 @@
 
 /* Twice the table's error: of the difference of two levels. */
 #define TABLE_ERROR 0.01f
+#define SQRT_HALF 0.7071f
 
 float spilt_levels(const Frame *frame, float larger, float difference) {
     float excess = frame->spill[0] * larger - 1.0f, change = frame->spill[0] * difference;
@@ -32,7 +33,21 @@ float level_change(const Frame *frame, float one, float other) {
 float unseen_levels(const FrameState *state, const ChangeMeasure *measure) {
     int is_shadow = measure == &state->measures->shadow;
     float unseen = is_shadow ? UNSEEN_PART * state->frame->limits.plain_change : 0.0f;
+    /* Two samples of which one is beyond white: `find_light_change`. */
+    if (measure == &state->measures->light || measure == &state->measures->bright)
+        unseen = (1.0f - SQRT_HALF) * VISIBLE_LEVELS;
     return unseen < VISIBLE_LEVELS ? VISIBLE_LEVELS - unseen : 0.0f;
+}
+
+PixelChange find_light_change(const FrameState *state, int pixels) {
+    const ChangeMeasure *light = &state->measures->light;
+    float all = read_largest(light), bright = read_largest(&state->measures->bright);
+    float spilt = read_largest(&state->measures->spilt);
+    PixelChange change = conclude_change(light, &state->frame->limits, pixels);
+    change.largest = fminf(sqrtf(all * all + bright * bright) + spilt, 255.0f);
+    if (spilt > 0.0f)
+        change.num_visible = pixels;
+    return change;
 }
 
 float colour_change(const Frame *frame, Vec3 one, Vec3 other) {

@@ -13,6 +13,8 @@
 
 struct Measures {
     ChangeMeasure shadow, fog, gloss, light, blur;
+    ChangeMeasure bright;     /* by baked light where it is beyond white */
+    ChangeMeasure spilt;      /* over black pixels, by baked light above the well */
     ChangeMeasure watched;    /* against frames without the watched object */
     int blurs_unseen_shadows; /* the sharp frame shows none, other instants may */
     atomic_int skips_lamps;   /* some ray knows nothing of a lamp whose light nobody misses */
@@ -30,6 +32,11 @@ float spilt_levels(const Frame *frame, float larger, float difference);
 
 /* Change up to which a pixel does not count as visible: lamps without a ray add to the shadows'. */
 float unseen_levels(const FrameState *state, const ChangeMeasure *measure);
+
+/* Change by baked light. In a mean up to white, samples beyond white weigh less than their light's
+ * inverse, all others 1 together: the changes of both are added as powers of the curve, 2.4, whose
+ * root is below that of their squares. */
+PixelChange find_light_change(const FrameState *state, int pixels);
 
 /* Note the change of some pixels between two linear colours. */
 void note_change(const FrameState *state, ChangeMeasure *measure, int pixels, Vec3 one, Vec3 other);

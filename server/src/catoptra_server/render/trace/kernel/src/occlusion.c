@@ -300,6 +300,7 @@ void note_light(const FrameState *state, int32_t triangle, uint32_t lanes,
     int32_t grid = occlusion->patch_of[triangle];
     const float *means = grid < 0 ? open : occlusion->means + 3 * (size_t)grid;
     float gain = state->frame->largest_gain;
+    uint32_t bright = 0;
     _Alignas(64) float one[3][BLOCK_RAYS], other[3][BLOCK_RAYS];
     for (int channel = 0; channel < 3; channel++) {
         Floats16 lit = load16(radiance[channel]);
@@ -307,10 +308,18 @@ void note_light(const FrameState *state, int32_t triangle, uint32_t lanes,
         Floats16 plain = lit - change, larger = gain * most16(lit, plain);
         /* Of all that a texture leaves, what just reaches white shows most. */
         Floats16 white = 1.0f / most16(larger, splat16(1.0f));
+        bright |= bits16(larger > splat16(1.0f)) & lanes;
         store16(white * lit, one[channel]);
         store16(white * most16(plain, splat16(0.0f)), other[channel]);
+        Floats16 lost = select16(mask16(lanes), absolute16(lit - plain), splat16(0.0f));
+        /* Lamps, which are not in it yet, may fill the well. */
+        if (state->frame->spill[1] > 0.0f)
+            raise_largest(&state->measures->spilt,
+                          spilt_levels(state->frame, INFINITY, most_of16(lost)));
     }
     note_samples(state, &state->measures->light, lanes, one, other);
+    if (bright)
+        note_samples(state, &state->measures->bright, bright, one, other);
 }
 
 static void hide_sky_from_facet(const FrameState *state, uint32_t mask, uint32_t all_sky, int32_t triangle,

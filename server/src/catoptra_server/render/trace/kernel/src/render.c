@@ -293,7 +293,7 @@ int32_t catoptra_render(Device *device, const Scene *scene, const View *view, co
         counts->shadow_change.num_visible = pixels;
     counts->fog_change = conclude_change(&measures.fog, &frame->limits, pixels);
     counts->gloss_change = conclude_change(&measures.gloss, &frame->limits, pixels);
-    counts->light_change = conclude_change(&measures.light, &frame->limits, pixels);
+    counts->light_change = find_light_change(&state, pixels);
     counts->blur_change = conclude_change(&measures.blur, &frame->limits, pixels);
     if (is_ready && state.plan)
         counts->rolling_change = conclude_change(&state.plan->rolling, &frame->limits, pixels);
