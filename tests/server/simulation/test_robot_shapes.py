@@ -115,6 +115,7 @@ BUNDLED = {
     f"{path.stem} {one.model_name}": one
     for path in sorted(ROBOTS.glob("*.ini"))
     for one in read_robots(path)[0]
+    if not one.drive.is_tripod
 }
 KENAF = BUNDLED["kenaf Kenaf"]
 
