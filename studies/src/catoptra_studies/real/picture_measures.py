@@ -197,9 +197,14 @@ def _measure_edges(
     middle = np.array((*across_x, *across_y))
     # Which coordinate crosses the edge.
     axis = np.repeat((0, 1), (len(across_x), len(across_y)))
-    step = 0.3 * np.eye(2)[axis]
-    ends = [_project(camera, pose, board, middle + sign * step)[0] for sign in (-1.0, 1.0)]
-    px_per_square = np.linalg.norm(ends[1] - ends[0], axis=1) / 0.6
+    # Across the edge and along it: an oblique board's sides are no right angle in the picture, and
+    # the distance from an edge is that to its line.
+    across_px, along_px = (
+        np.subtract(*(_project(camera, pose, board, middle + sign * step)[0] for sign in (1, -1)))
+        for step in (0.3 * np.eye(2)[axis], 0.3 * np.eye(2)[1 - axis])
+    )
+    area = across_px[:, 0] * along_px[:, 1] - across_px[:, 1] * along_px[:, 0]
+    px_per_square = np.abs(area) / np.linalg.norm(along_px, axis=1) / 0.6
     centre, incidence = _project(camera, pose, board, middle)
     window = np.arange(-_WINDOW_PX, _WINDOW_PX + 1)
     column = np.floor(centre[:, 0]).astype(int)[:, None, None] + window[None, None, :]
