@@ -175,7 +175,7 @@ def refine_noise(
     for is_white in (True, False):
         levels = [one.patch_levels[one.patch_is_white == is_white] for one in photographs]
         light.append(float(np.median(linear_light(np.concatenate(levels)))))
-        each = [_median_noise(group, is_white) for group in (photographs, drawn)]
+        each = [_mean_noise(group, is_white) for group in (photographs, drawn)]
         factor.append((each[0] / max(each[1], 0.05)) ** 2)
     s = 1.0 / start.full_well_e
     q = (start.read_noise_e / start.full_well_e) ** 2
@@ -188,8 +188,8 @@ def refine_noise(
     return replace(start, full_well_e=1.0 / s, read_noise_e=math.sqrt(q) / s)
 
 
-def _median_noise(measures: Sequence[PictureMeasures], is_white: bool) -> float:
-    return float(np.nanmedian([one.noise(is_white) for one in measures]))
+def _mean_noise(measures: Sequence[PictureMeasures], is_white: bool) -> float:
+    return float(np.nanmean([one.noise(is_white) for one in measures]))
 
 
 def describe_camera(
