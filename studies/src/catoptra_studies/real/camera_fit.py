@@ -231,7 +231,7 @@ def fit_camera(
     base: Sequence[PictureMeasures],
     draw: Draw,
     range_m: float,
-    num_rounds: int = 3,
+    num_rounds: int = 2,
 ) -> tuple[CameraParameters, dict[float, float]]:
     """Parameters of a camera: blur in closed form, then both scales by drawing.
 

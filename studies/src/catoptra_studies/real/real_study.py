@@ -361,9 +361,7 @@ def _fit(
 ) -> tuple[CameraParameters, dict[float, float]]:
     """Parameters of the photographs' camera; a camera without a mirror keeps its lens."""
     count = len(twins.photographs)
-    chosen = sorted(
-        {round(n) for n in np.linspace(0, count - 1, min(count, options.num_fitted))}
-    )
+    chosen = sorted({round(n) for n in np.linspace(0, count - 1, min(count, options.num_fitted))})
 
     def draw(p: CameraParameters) -> list[PictureMeasures]:
         has_mirror = twins.camera(p.focal_px).has_mirror
