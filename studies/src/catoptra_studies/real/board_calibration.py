@@ -23,7 +23,12 @@ from catoptra_protocol.optics.lenses import UnifiedLens
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_studies.real.photographs import Board, start_pose
+from catoptra_studies.real.photographs import (
+    Board,
+    matrix_from_vector,
+    start_pose,
+    vector_from_matrix,
+)
 
 _MAX_STEPS = 40
 # A fit ends where a step gains less than this part of the sum of squares.
@@ -53,7 +58,7 @@ class BoardPose:
     @property
     def mirror_from_board(self) -> Pose:
         """The same as a transform."""
-        return Pose(_rotation(self.vector[:3]), self.vector[3:].copy())
+        return Pose(matrix_from_vector(self.vector[:3]), self.vector[3:].copy())
 
     @property
     def mean_square_px(self) -> float:
@@ -93,7 +98,9 @@ def find_pose(camera: OmniCamera, corners_px: Floats, board: Board) -> BoardPose
     view = np.stack((right, np.cross(middle, right), middle))
     rays = directions @ view.T
     start = start_pose(board, rays[:, :2] / np.maximum(rays[:, 2:], 0.05))
-    vector = np.concatenate((_vector(view.T @ _rotation(start[:3])), view.T @ start[3:]))
+    vector = np.concatenate(
+        (vector_from_matrix(view.T @ matrix_from_vector(start[:3])), view.T @ start[3:])
+    )
     vector, _ = _minimize(vector, lambda x: _pose_residuals(camera, x, corners_px, board))
     return _describe_pose(camera, vector, corners_px, board)
 
@@ -243,14 +250,14 @@ def _camera_of(camera: OmniCamera, numbers: Floats) -> OmniCamera:
 
 
 def _pose_residuals(camera: OmniCamera, vector: Floats, corners_px: Floats, board: Board) -> Floats:
-    points = board.points_m @ _rotation(vector[:3]).T + vector[3:]
+    points = board.points_m @ matrix_from_vector(vector[:3]).T + vector[3:]
     return np.asarray((camera.pixel_from_direction(points)[0] - corners_px).ravel())
 
 
 def _describe_pose(
     camera: OmniCamera, vector: Floats, corners_px: Floats, board: Board
 ) -> BoardPose:
-    points = board.points_m @ _rotation(vector[:3]).T + vector[3:]
+    points = board.points_m @ matrix_from_vector(vector[:3]).T + vector[3:]
     residual = _pose_residuals(camera, vector, corners_px, board).reshape(-1, 2)
     return BoardPose(vector, residual, 2.0 * np.arctan(_half_tangent(points)))
 
@@ -295,21 +302,3 @@ def _minimize(
         if before - total <= _GAIN * before:
             break
     return x, total
-
-
-def _rotation(vector: Floats) -> Floats:
-    """Rotation matrix of a rotation vector. Source: Rodrigues."""
-    angle = float(np.linalg.norm(vector))
-    x, y, z = vector
-    cross = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
-    # sin(a) / a and (1 - cos a) / a^2, without the division at 0.
-    first, half = np.sinc(angle / math.pi), np.sinc(0.5 * angle / math.pi)
-    return np.asarray(np.eye(3) + first * cross + 0.5 * half * half * (cross @ cross))
-
-
-def _vector(rotation: Floats) -> Floats:
-    """Rotation vector of a matrix, by its quaternion."""
-    x, y, z, w = Pose(rotation, np.zeros(3)).quaternion
-    sine = math.hypot(x, y, z)
-    scale = 2.0 * math.atan2(sine, w) / sine if sine > 1e-12 else 2.0
-    return scale * np.array((x, y, z))

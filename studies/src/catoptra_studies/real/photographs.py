@@ -8,6 +8,7 @@ found by the same detector (cv2.findChessboardCornersSB, Duda & Frese, BMVC 2018
 
 from __future__ import annotations
 
+import io
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -175,6 +176,16 @@ def start_pose(board: Board, plane_points: Floats) -> Floats:
     return np.concatenate((turn.ravel(), shift.ravel()))
 
 
+def matrix_from_vector(vector: Floats) -> Floats:
+    """(3, 3) matrix of a rotation vector."""
+    return np.asarray(cv2.Rodrigues(vector)[0])
+
+
+def vector_from_matrix(matrix: Floats) -> Floats:
+    """(3,) rotation vector of a matrix."""
+    return np.asarray(cv2.Rodrigues(matrix)[0].ravel())
+
+
 def write_jpeg(path: Path, rgb: Image, quality: int) -> None:
     """Write a picture as JPEG."""
     PIL.Image.fromarray(rgb).save(path, quality=quality)
@@ -197,28 +208,18 @@ def _read_header(path: Path) -> tuple[tuple[int, int], int | None]:
     return size, _nearest_quality(tuple(tables[0])) if tables else None
 
 
-@lru_cache(maxsize=8)
 def _nearest_quality(table: Sequence[int]) -> int:
-    """Quality of libjpeg whose luminance table is nearest to one in the file's order."""
-    base = np.array(_STANDARD_LUMINANCE)
-    given = np.sort(np.array(table))
-
-    def difference(quality: int) -> float:
-        scale = 5000 // quality if quality < 50 else 200 - 2 * quality
-        scaled = np.sort(np.clip((base * scale + 50) // 100, 1, 255))
-        return float(np.abs(scaled - given).sum())
-
-    return min(_QUALITIES, key=difference)
+    """Quality of libjpeg whose luminance table is nearest to a file's."""
+    given = np.array(table)
+    return min(_QUALITIES, key=lambda quality: int(np.abs(_luminance_table(quality) - given).sum()))
 
 
-# ITU-T T.81, table K.1. Compared by sorted values: readers differ in the order that they return.
-# fmt: off
-_STANDARD_LUMINANCE = (
-    16, 11, 10, 16, 24, 40, 51, 61, 12, 12, 14, 19, 26, 58, 60, 55, 14, 13, 16, 24, 40, 57, 69, 56,
-    14, 17, 22, 29, 51, 87, 80, 62, 18, 22, 37, 56, 68, 109, 103, 77, 24, 35, 55, 64, 81, 104, 113,
-    92, 49, 64, 78, 87, 103, 121, 120, 101, 72, 92, 95, 98, 112, 100, 103, 99,
-)
-# fmt: on
+@lru_cache(maxsize=128)
+def _luminance_table(quality: int) -> Any:
+    data = io.BytesIO()
+    PIL.Image.new("L", (8, 8)).save(data, "JPEG", quality=quality)
+    with PIL.Image.open(data) as image:
+        return np.array(image.quantization[0])
 
 
 def _read_photograph(path: Path, board: Board) -> Photograph:

@@ -192,6 +192,7 @@ def _transfer_table(result: StudyResult) -> list[list[str]]:
 def _write_report(folder: Path, result: StudyResult, options: StudyOptions) -> Path:
     write_json(folder / "real.json", replace_non_finite(_as_json(result)))
     figures = _draw_figures(folder, result)
+    _write_strip(folder, result)
     style = "body{font:15px sans-serif;max-width:1200px;margin:2em auto}td,th{padding:2px 8px;"
     style += "text-align:left;border-bottom:1px solid #ddd}table{font-size:12px}"
     parts = (
@@ -246,19 +247,10 @@ def _draw_figures(folder: Path, result: StudyResult) -> tuple[ReportFigure, ...]
         left.set(xlabel="incidence, degrees", ylabel="10 to 90 %, px", title="Width of edges")
         right.set(xlabel="grey level", ylabel="grey levels", title="Noise of patches", ylim=(0, 8))
         left.legend()
-    with open_chart(folder / "pictures.png", figsize=(PAGE_WIDTH_IN, 2.4)) as figure:
-        shown = (
-            result.photographs.with_boards[0].rgb,
-            *(result.examples[n] for n in (CLEAN, FITTED)),
-        )
-        for axes, rgb, (name, _) in zip(figure.subplots(1, 3), shown, _KINDS, strict=True):
-            axes.imshow(rgb)
-            axes.set_axis_off()
-            axes.set_title(name)
     return (
         ReportFigure("curves.png", "Edges and noise", "Medians of photographs and of twins.",
                      "Edge width by incidence and noise by grey level"),
-        ReportFigure("pictures.png", "The first photograph and its twins", "As coded.",
+        ReportFigure("real-twin.jpg", "The first photograph and its twins", "As coded.",
                      "A photograph, its clean twin and its twin by the fitted camera"),
     )  # fmt: skip
 
@@ -279,11 +271,16 @@ def _draw_curves(
         axes.plot(middles, medians, "o-", color=colour, label=name, ms=3)
 
 
-def _write_page(path: Path, result: StudyResult, options: StudyOptions) -> None:
-    """Write the tables into the marked block, and the pictures beside the document."""
+def _write_strip(folder: Path, result: StudyResult) -> None:
+    """The first photograph beside its clean twin and its twin by the fitted camera."""
     photograph = result.photographs.with_boards[0].rgb
     strip = np.concatenate((photograph, result.examples[CLEAN], result.examples[FITTED]), axis=1)
-    write_jpeg(path.with_name("real-twin.jpg"), strip, _PAGE_QUALITY)
+    write_jpeg(folder / "real-twin.jpg", strip, _PAGE_QUALITY)
+
+
+def _write_page(path: Path, result: StudyResult, options: StudyOptions) -> None:
+    """Write the tables into the marked block, and the pictures beside the document."""
+    _write_strip(path.parent, result)
     parts = (
         wrap_paragraph(_describe_check(result, options)),
         markdown_table(_CHECK_HEADER, _check_rows(result)),

@@ -398,7 +398,7 @@ class _Task:
 
 def _measure_twins(task: _Task) -> dict[str, _TwinSample]:
     board = task.options.board
-    pictures = {}
+    pictures: dict[str, Image] = {}
     # The plain scene's file last: it stays for a server.
     for scene, is_shaded in ((task.shaded_scene, True), (task.scene, False)):
         cameras = {n: one for n, one in task.cameras.items() if (n in task.shaded) is is_shaded}
