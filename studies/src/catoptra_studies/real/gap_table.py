@@ -57,11 +57,6 @@ class Estimate:
     high: float
     count: int
 
-    @property
-    def contains_zero(self) -> bool:
-        """Whether no difference is in the interval."""
-        return self.low <= 0.0 <= self.high
-
     def __str__(self) -> str:
         if not math.isfinite(self.value):
             return "–"

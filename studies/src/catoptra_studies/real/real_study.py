@@ -85,6 +85,8 @@ EFFECTS = (
     "defocus", "diffraction", "noise", "mosaic", "vignetting", "lateral colour", "exposure",
     "glare", "dust", "holder",
 )  # fmt: skip
+# Photographs of which the camera's scales are fitted by drawing.
+_NUM_FITTED = 6
 _NUM_TRAINING_FRAMES, _TRAINING_PX = 20, 360
 
 
@@ -96,8 +98,6 @@ class StudyOptions:
     camera_file: Path
     board: Board
     out: Path
-    num_fitted: int = 6
-    """Photographs of which the camera's scales are fitted by drawing."""
     effects: tuple[str, ...] = EFFECTS
     """Those to force on alone, and together."""
     num_processes: int = field(default=2, compare=False)
@@ -158,7 +158,7 @@ def _run_study(options: StudyOptions, run: _Workers, on_step: Callable[[], None]
     on_step()
     twins = _Twins.make(options, run, file_camera, calibration, found, boards)
     start = twins.start_parameters()
-    parameters, left = _fit(options, twins, start)
+    parameters, left = _fit(twins, start)
     on_step()
     has_mirror = twins.camera(parameters.focal_px).has_mirror
     variants = list_variants(parameters, has_mirror=has_mirror, effects=options.effects)
@@ -356,12 +356,10 @@ class _Twins:
         return plain, shaded
 
 
-def _fit(
-    options: StudyOptions, twins: _Twins, start: CameraParameters
-) -> tuple[CameraParameters, dict[float, float]]:
+def _fit(twins: _Twins, start: CameraParameters) -> tuple[CameraParameters, dict[float, float]]:
     """Parameters of the photographs' camera; a camera without a mirror keeps its lens."""
     count = len(twins.photographs)
-    chosen = sorted({round(n) for n in np.linspace(0, count - 1, min(count, options.num_fitted))})
+    chosen = sorted({round(n) for n in np.linspace(0, count - 1, min(count, _NUM_FITTED))})
 
     def draw(p: CameraParameters) -> list[PictureMeasures]:
         has_mirror = twins.camera(p.focal_px).has_mirror
