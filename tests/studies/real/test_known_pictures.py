@@ -17,8 +17,13 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixe
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.effects.kernels.lens_blur import Aperture, circle_of_confusion
 from catoptra_studies.plot_style import Image
-from catoptra_studies.real.board_calibration import Calibration, calibrate, order_corners
-from catoptra_studies.real.photographs import Board, find_corners
+from catoptra_studies.real.photographs import (
+    Board,
+    Calibration,
+    calibrate,
+    find_corners,
+    order_corners,
+)
 from catoptra_studies.real.picture_measures import (
     PictureMeasures,
     encoded_level,

@@ -28,10 +28,8 @@ from catoptra_studies.commands import (
     print_line,
 )
 from catoptra_studies.plot_style import BLUE, ORANGE, PAGE_WIDTH_IN, TEAL, Axes, open_chart
-from catoptra_studies.real.board_calibration import rms
-from catoptra_studies.real.camera_fit import VERTEX_M
 from catoptra_studies.real.gap_table import CLEAN, Estimate, GapRow, Sample
-from catoptra_studies.real.photographs import Board, write_jpeg
+from catoptra_studies.real.photographs import Board, rms, write_jpeg
 from catoptra_studies.real.real_study import (
     ALL,
     EFFECTS,
@@ -41,7 +39,7 @@ from catoptra_studies.real.real_study import (
     StudyResult,
     run_study,
 )
-from catoptra_studies.real.twin import write_mirror_camera
+from catoptra_studies.real.twin import VERTEX_M, write_mirror_camera
 from catoptra_studies.reports import (
     ReportFigure,
     figure_elements,

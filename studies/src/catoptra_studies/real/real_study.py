@@ -30,23 +30,6 @@ from catoptra_server.config.known_names import find_configuration
 from catoptra_server.render.renderer import PerPixel, RenderSettings
 from catoptra_server.simulation.robot_description import OmniCameraDescription, PlanarPose
 from catoptra_studies.plot_style import Image
-from catoptra_studies.real.board_calibration import (
-    BoardPose,
-    Calibration,
-    calibrate,
-    cross_validate,
-    find_pose,
-    have_other_hand,
-    measure_straightness_px,
-    order_corners,
-)
-from catoptra_studies.real.camera_fit import (
-    FOCAL_LENGTHS_PX,
-    VERTEX_M,
-    CameraParameters,
-    describe_camera,
-    fit_camera,
-)
 from catoptra_studies.real.gap_table import (
     CLEAN,
     GapRow,
@@ -57,10 +40,18 @@ from catoptra_studies.real.gap_table import (
 )
 from catoptra_studies.real.photographs import (
     Board,
+    BoardPose,
+    Calibration,
     Photograph,
     PhotographSet,
+    calibrate,
     code_picture,
+    cross_validate,
     find_corners,
+    find_pose,
+    have_other_hand,
+    measure_straightness_px,
+    order_corners,
     read_photographs,
 )
 from catoptra_studies.real.picture_measures import (
@@ -71,9 +62,14 @@ from catoptra_studies.real.picture_measures import (
     pixel_directions,
 )
 from catoptra_studies.real.twin import (
+    FOCAL_LENGTHS_PX,
+    VERTEX_M,
+    CameraParameters,
     TwinCamera,
     TwinScene,
+    describe_camera,
     draw_twins,
+    fit_camera,
     write_mirror_camera,
     write_world,
 )
