@@ -1,17 +1,16 @@
-"""Photographs of a board: files, their coding, and the corners that a detector finds in them.
+"""Photographs of boards: files, their coding, corners, and the camera that they calibrate.
 
 The one module of the study that opens files of pictures and finds boards. A file states its size in
 its first bytes: a picture that is too large is rejected before a pixel is decoded. Twins are coded
 as the photographs were, by the quality that their quantisation tables state, and their boards are
 found by the same detector (cv2.findChessboardCornersSB, Duda & Frese, BMVC 2018).
 
-Poses of boards, and a camera fitted to them, judged by pictures that it was not fitted to.
-
-The camera is the unified model (Mei & Rives, ICRA 2007) with two terms of radial and two of
-tangential distortion, from the camera file's values on: Levenberg and Marquardt's method on all
-corners, six numbers a board and nine of the camera. Corners are points, so poses do not depend on
-which way the board's colours lie. Frame: the mirror frame, z along the optical axis. No outlier is
-left out: the residuals are those of all corners.
+A camera is fitted to the boards, and judged by pictures that it was not fitted to. It is the
+unified model (Mei & Rives, ICRA 2007) with two terms of radial and two of tangential distortion,
+from the camera file's values on: Levenberg and Marquardt's method on all corners, six numbers a
+board and nine of the camera. Corners are points, so poses do not depend on which way the board's
+colours lie. Frame: the mirror frame, z along the optical axis. No outlier is left out: the
+residuals are those of all corners.
 """
 
 from __future__ import annotations
@@ -182,7 +181,7 @@ def refine_corners(channel: Any, corners_px: Floats) -> Floats:
     return np.asarray(refined, dtype=np.float64).reshape(-1, 2) + 0.5
 
 
-def start_pose(board: Board, plane_points: Floats) -> Floats:
+def _start_pose(board: Board, plane_points: Floats) -> Floats:
     """(6,) rotation vector and translation of a board by its corners in a plane at depth 1."""
     _, turn, shift = cv2.solvePnP(
         board.points_m, plane_points, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
@@ -190,12 +189,12 @@ def start_pose(board: Board, plane_points: Floats) -> Floats:
     return np.concatenate((turn.ravel(), shift.ravel()))
 
 
-def matrix_from_vector(vector: Floats) -> Floats:
+def _matrix_from_vector(vector: Floats) -> Floats:
     """(3, 3) matrix of a rotation vector."""
     return np.asarray(cv2.Rodrigues(vector)[0])
 
 
-def vector_from_matrix(matrix: Floats) -> Floats:
+def _vector_from_matrix(matrix: Floats) -> Floats:
     """(3,) rotation vector of a matrix."""
     return np.asarray(cv2.Rodrigues(matrix)[0].ravel())
 
@@ -273,7 +272,7 @@ class BoardPose:
     @property
     def mirror_from_board(self) -> Pose:
         """The same as a transform."""
-        return Pose(matrix_from_vector(self.vector[:3]), self.vector[3:].copy())
+        return Pose(_matrix_from_vector(self.vector[:3]), self.vector[3:].copy())
 
     @property
     def mean_square_px(self) -> float:
@@ -312,9 +311,9 @@ def find_pose(camera: OmniCamera, corners_px: Floats, board: Board) -> BoardPose
     right /= np.linalg.norm(right)
     view = np.stack((right, np.cross(middle, right), middle))
     rays = directions @ view.T
-    start = start_pose(board, rays[:, :2] / np.maximum(rays[:, 2:], 0.05))
+    start = _start_pose(board, rays[:, :2] / np.maximum(rays[:, 2:], 0.05))
     vector = np.concatenate(
-        (vector_from_matrix(view.T @ matrix_from_vector(start[:3])), view.T @ start[3:])
+        (_vector_from_matrix(view.T @ _matrix_from_vector(start[:3])), view.T @ start[3:])
     )
     vector, _ = _minimize(vector, lambda x: _pose_residuals(camera, x, corners_px, board))
     return _describe_pose(camera, vector, corners_px, board)
@@ -465,14 +464,14 @@ def _camera_of(camera: OmniCamera, numbers: Floats) -> OmniCamera:
 
 
 def _pose_residuals(camera: OmniCamera, vector: Floats, corners_px: Floats, board: Board) -> Floats:
-    points = board.points_m @ matrix_from_vector(vector[:3]).T + vector[3:]
+    points = board.points_m @ _matrix_from_vector(vector[:3]).T + vector[3:]
     return np.asarray((camera.pixel_from_direction(points)[0] - corners_px).ravel())
 
 
 def _describe_pose(
     camera: OmniCamera, vector: Floats, corners_px: Floats, board: Board
 ) -> BoardPose:
-    points = board.points_m @ matrix_from_vector(vector[:3]).T + vector[3:]
+    points = board.points_m @ _matrix_from_vector(vector[:3]).T + vector[3:]
     residual = _pose_residuals(camera, vector, corners_px, board).reshape(-1, 2)
     return BoardPose(vector, residual, 2.0 * np.arctan(_half_tangent(points)))
 

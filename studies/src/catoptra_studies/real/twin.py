@@ -1,17 +1,17 @@
-"""The twin of a photograph: its board in a room of one colour, drawn by the server's code.
+"""The twin of a photograph, drawn by the server's code, and the camera that is fitted to draw it.
 
-Files for the server say all of it, so a twin can be served as it is: a world for each photograph
-(`catoptra-server --robot twin.ini --world NAME.ini`), and a camera on a tripod at the origin, whose
-mirror frame is the world's. What is known of the scene is drawn and nothing else: squares and
-margin of the board in the colours that its patches have in the photograph, and the room's mean
-colour all around. Everything is shown at that light whatever the lights (unlit): one light, the
-photograph's own.
+A twin is a board in a room of one colour. Files for the server say all of it, so a twin can be
+served as it is: a world for each photograph (`catoptra-server --robot twin.ini --world NAME.ini`),
+and a camera on a tripod at the origin, whose mirror frame is the world's. What is known of the
+scene is drawn and nothing else: squares and margin of the board in the colours that its patches
+have in the photograph, and the room's mean colour all around. Everything is shown at that light
+whatever the lights (unlit): one light, the photograph's own.
 
 A lens whose picture is mirrored stands for a mirror. `write_mirror_camera` makes that mirror of its
 image radii (Chahl & Srinivasan 1997), with a focal length of the capture lens, so that defocus and
 vignetting are those of a lens below a mirror.
 
-Parameters of a real camera that photographs of boards allow: focus, aperture, noise, colour.
+Photographs of boards allow these parameters of a real camera:
 
 * Blur. Widths of edges by incidence, less those of a twin without blur, are discs of defocus: a
   disc of diameter d has the deviation d / 4 along a line. The lens below the mirror has an f-number
@@ -277,14 +277,14 @@ class CameraParameters:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BlurProfile:
+class _BlurProfile:
     """Mean squares of edges' deviations by incidence, px^2, in bins with enough edges."""
 
     incidence_rad: Floats
     variance_px2: Floats
 
 
-def measure_blur(measures: Sequence[PictureMeasures]) -> BlurProfile:
+def _measure_blur(measures: Sequence[PictureMeasures]) -> _BlurProfile:
     """Blur by incidence of pictures together."""
     angle = np.concatenate([one.edge_incidence_rad for one in measures])
     variance = np.square(
@@ -292,18 +292,18 @@ def measure_blur(measures: Sequence[PictureMeasures]) -> BlurProfile:
     )
     number = np.digitize(np.degrees(angle), _BINS_DEG)
     kept = [n for n in range(1, len(_BINS_DEG)) if (number == n).sum() >= _MIN_EDGES]
-    return BlurProfile(
+    return _BlurProfile(
         np.array([angle[number == n].mean() for n in kept]),
         # Medians: an edge beside a hand is no edge of the board.
         np.array([np.median(variance[number == n]) for n in kept]),
     )
 
 
-def fit_blur(
+def _fit_blur(
     start: CameraParameters,
     cameras: Mapping[float, OmniCamera],
-    photographs: BlurProfile,
-    base: BlurProfile,
+    photographs: _BlurProfile,
+    base: _BlurProfile,
     range_m: float,
 ) -> tuple[CameraParameters, dict[float, float]]:
     """F-number, focus and focal length whose discs make the photographs' edges of the base's.
@@ -354,12 +354,12 @@ def _fit_aperture(
     return math.sqrt(float(left @ left) / len(left)), f_number, float(focus_m)
 
 
-def refine_aperture(
-    start: CameraParameters, photographs: BlurProfile, drawn: BlurProfile, base: BlurProfile
+def _refine_aperture(
+    start: CameraParameters, photographs: _BlurProfile, drawn: _BlurProfile, base: _BlurProfile
 ) -> CameraParameters:
     """F-number scaled so that what defocus adds to the drawn edges is what photographs have."""
 
-    def excess(one: BlurProfile) -> float:
+    def excess(one: _BlurProfile) -> float:
         there = np.interp(one.incidence_rad, base.incidence_rad, base.variance_px2)
         return float(np.maximum(one.variance_px2 - there, 1e-4).mean())
 
@@ -367,7 +367,7 @@ def refine_aperture(
     return replace(start, f_number=float(np.clip(start.f_number * factor, *_F_NUMBERS)))
 
 
-def refine_noise(
+def _refine_noise(
     start: CameraParameters,
     photographs: Sequence[PictureMeasures],
     drawn: Sequence[PictureMeasures],
@@ -452,10 +452,10 @@ def fit_camera(
     Returns:
         The parameters, and the rms left of edges by focal length.
     """
-    blur, clean = measure_blur(photographs), measure_blur(base)
-    fitted, left = fit_blur(start, cameras, blur, clean, range_m)
+    blur, clean = _measure_blur(photographs), _measure_blur(base)
+    fitted, left = _fit_blur(start, cameras, blur, clean, range_m)
     for _ in range(num_rounds):
         drawn = draw(fitted)
-        fitted = refine_aperture(fitted, blur, measure_blur(drawn), clean)
-        fitted = refine_noise(fitted, photographs, drawn)
+        fitted = _refine_aperture(fitted, blur, _measure_blur(drawn), clean)
+        fitted = _refine_noise(fitted, photographs, drawn)
     return fitted, left
