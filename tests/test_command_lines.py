@@ -126,6 +126,7 @@ MEANINGS = {
     "--page": "file whose block gets a table",
     "--report": "report to write",
     "--fitted": "camera file to write",
+    "--effects": "effects to force on",
     "--data": "copy of the numbers",
     "--report-only": "measure nothing",
     "--frame-rates-only": "measure frame rates alone",

@@ -16,19 +16,28 @@ from PIL import Image as PillowImage
 from catoptra_protocol.errors import CatoptraError
 from catoptra_studies.real.picture_measures import encoded_level, linear_light
 from catoptra_studies.real.real_command import main
+from catoptra_studies.real.twin import TwinCamera, write_mirror_camera
 from helpers.board_pictures import known_poses, write_lens, write_pictures
 
-EFFECTS = ("ShotNoise=always", "ReadNoise=always", "FullWell=3000", "ReadNoiseElectrons=8")
+EFFECTS = (
+    "Defocus=always", "DefocusByDepth=always", "FNumber=1.5", "PixelPitch=7.4e-6",
+    "FocusDistance=0.3", "ShotNoise=always", "ReadNoise=always", "FullWell=3000",
+    "ReadNoiseElectrons=8", "Vignetting=always",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with six pictures, lit ever more to the rim, and their camera file."""
+    """Folder with six pictures through a mirror, lit ever more to the rim, and their camera file.
+
+    Defocus, noise and vignetting are in the model; the gradient of light is not.
+    """
     folder = tmp_path_factory.mktemp("own")
-    camera = write_lens(folder / "small.ini", 320)
-    known = write_pictures(folder, camera, known_poses(6), effects=EFFECTS)
+    lens = TwinCamera(write_lens(folder / "lens.ini", 320), folder, "lens_tripod").camera
+    write_mirror_camera(folder / "small.ini", lens, focal_px=200.0, vertex_m=0.1)
+    known = write_pictures(folder, folder / "small.ini", known_poses(6), effects=EFFECTS)
     v, u = np.mgrid[:240, :320] + 0.5 - np.array(known.camera.centre_px)[::-1, None, None]
-    gain = 1.0 + 0.4 * (u * u + v * v) / known.camera.rim_radius_px**2
+    gain = 1.0 + 0.8 * (u * u + v * v) / known.camera.rim_radius_px**2
     for path in known.folder.iterdir():
         light = linear_light(np.asarray(PillowImage.open(path), np.float64)) * gain[..., None]
         PillowImage.fromarray(np.rint(encoded_level(light)).astype(np.uint8)).save(path)
@@ -46,18 +55,30 @@ def test_whole_study_of_six_pictures_writes_report_page_and_camera(
     page = tmp_path / "page.md"
     page.write_text("<!-- real: begin -->\n<!-- real: end -->\n")
     camera = own / "small.ini"
-    more = ("--page", str(page), "--fitted", str(tmp_path / "fitted.ini"))
+    more = ("--page", str(page), "--fitted", str(tmp_path / "fitted.ini"),
+            "--effects", "defocus", "noise")  # fmt: skip
     assert run(own / "pictures", tmp_path / "out", camera, *more) == 0
     found = json.loads((tmp_path / "out/real.json").read_text())
     assert len(found["check"]) == 6
     for row in found["rows"].values():
         assert all(len(each) == 4 for each in row["closed"].values())
-    noise = found["rows"]["noise of white, grey levels"]
-    assert noise["closed"]["noise"][0] > 0.5 > abs(noise["closed"]["vignetting"][0])
-    # A gradient of light is no effect of the model: it remains.
-    light = found["rows"]["light lost at the rim, share"]
-    assert light["values"]["photographs"][0] < -0.2
-    assert light["closed"]["fitted camera"][0] < 0.1
+    rows = found["rows"]
+    for name in ("edge width 10-90 %, px", "noise of white, grey levels"):
+        assert rows[name]["remainder"]["clean twin"][2] < 0.0
+    assert rows["noise of white, grey levels"]["closed"]["noise"][0] > 0.8
+    assert rows["edge width 10-90 %, px"]["closed"]["defocus"][0] > 0.5
+
+    # The gap of what the model has closes: no difference is in the remainder's interval.
+    for name in ("edge width 10-90 %, px", "edge width below 80°, px", "edge width above 95°, px",
+                 "noise of white, grey levels", "noise of black, grey levels"):  # fmt: skip
+        _, low, high, count = rows[name]["remainder"]["fitted camera"]
+        assert low <= 0.0 <= high, name
+        assert count == 6
+        assert rows[name]["remainder"]["clean twin"][0] < 0.0
+    assert rows["colours of squares, Bhattacharyya"]["closed"]["fitted camera"][0] > 0.7
+    # What it has not remains: the gradient, beside the lens's vignetting.
+    assert rows["light lost at the rim, share"]["remainder"]["fitted camera"][1] > 0.2
+
     assert "Boards in 6 of 6" in page.read_text()
     assert (tmp_path / "real-twin.jpg").stat().st_size < 300_000
     assert "FNumber" in (tmp_path / "fitted.ini").read_text()

@@ -34,9 +34,6 @@ _MIN_OVERLAP = 1e-3
 _THETA = 1.0
 _LOW_DEG, _HIGH_DEG = 80.0, 95.0
 
-Rows = Mapping[str, Floats]
-"""Components of a quantity, (n, k) by photograph, for the photographs and for each twin."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
@@ -73,17 +70,18 @@ class Quantity:
     name: str
     read: Callable[[Sample, Sample], tuple[float, ...]]
     """Components of a picture, beside the photograph of the same board."""
-    combine: Callable[[Floats], float]
+    combine: Callable[[Floats], Floats]
+    """Number of (..., k) mean components, (...)."""
     is_distance: bool = False
     """Whether the value is a distance from the photograph itself, whose own is 0."""
 
 
-def _mean(components: Floats) -> float:
-    return float(components[0])
+def _mean(components: Floats) -> Floats:
+    return np.asarray(components[..., 0])
 
 
-def _root(components: Floats) -> float:
-    return math.sqrt(float(components[0]))
+def _root(components: Floats) -> Floats:
+    return np.sqrt(components[..., 0])
 
 
 def _width(low_deg: float, high_deg: float) -> Callable[[Sample, Sample], tuple[float, ...]]:
@@ -115,8 +113,7 @@ QUANTITIES = (
     Quantity(f"edge width above {_HIGH_DEG:.0f}°, px", _width(_HIGH_DEG, 180.0), _mean),
     Quantity("noise of white, grey levels", lambda s, _: (s.measures.noise(True),), _mean),
     Quantity("noise of black, grey levels", lambda s, _: (s.measures.noise(False),), _mean),
-    Quantity("light lost at the rim, share", lambda s, _: s.measures.shading_sums,
-             lambda sums: shading_loss([(float(sums[0]), float(sums[1]))])),
+    Quantity("light lost at the rim, share", lambda s, _: s.measures.shading_sums, shading_loss),
     Quantity("colours of squares, Bhattacharyya", _distance(("black", "white")), _mean, True),
     Quantity("colours of the room, Bhattacharyya", _distance(("room",)), _mean, True),
     Quantity("false landmark pixels, %", lambda s, _: (100.0 * s.false_share,), _mean),
@@ -132,16 +129,15 @@ def bhattacharyya(one: Histogram, other: Histogram) -> float:
 
 @dataclass(frozen=True, slots=True)
 class GapRow:
-    """One quantity: values of photographs and twins, and the part of the gap that each closes."""
+    """One quantity, by the name of the twins: its value, what is left, and what that closes."""
 
     quantity: str
     values: Mapping[str, Estimate]
+    """Of the photographs, too."""
+    remainder: Mapping[str, Estimate]
+    """Twins less photographs, of the same boards."""
     closed: Mapping[str, Estimate]
-
-    @property
-    def gap(self) -> float:
-        """Difference of the clean twin from the photographs."""
-        return self.values[CLEAN].value - self.values["photographs"].value
+    """Part of the clean twin's gap."""
 
 
 def compare_pictures(samples: Mapping[str, Sequence[Sample]]) -> tuple[GapRow, ...]:
@@ -157,42 +153,39 @@ def _compare(quantity: Quantity, samples: Mapping[str, Sequence[Sample]]) -> Gap
         )
         for name, each in samples.items()
     }
-    values = {name: _bootstrap({"x": one}, lambda x: quantity.combine(x["x"]))
-              for name, one in rows.items()}  # fmt: skip
 
-    def find_part(means: Mapping[str, Floats]) -> float:
-        x = {name: quantity.combine(one) for name, one in means.items()}
-        target = 0.0 if quantity.is_distance else x["photographs"]
-        gap = abs(x["clean"] - target)
-        return 1.0 - abs(x["effect"] - target) / gap if gap > 0.0 else math.nan
+    def find_rest(photograph: Floats, twin: Floats) -> Floats:
+        rest = quantity.combine(twin)
+        return rest if quantity.is_distance else rest - quantity.combine(photograph)
 
+    def find_part(photograph: Floats, clean: Floats, effect: Floats) -> Floats:
+        gap = np.abs(find_rest(photograph, clean))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return 1.0 - np.abs(find_rest(photograph, effect)) / np.where(gap > 0.0, gap, np.nan)
+
+    truth, clean = rows["photographs"], rows[CLEAN]
+    twins = {name: one for name, one in rows.items() if name != "photographs"}
     return GapRow(
         quantity.name,
-        values,
-        {
-            name: _bootstrap(
-                {"photographs": rows["photographs"], "clean": rows[CLEAN], "effect": one},
-                find_part,
-            )
-            for name, one in rows.items()
-            if name not in ("photographs", CLEAN)
-        },
-    )
+        {name: _bootstrap(quantity.combine, one) for name, one in rows.items()},
+        {name: _bootstrap(find_rest, truth, one) for name, one in twins.items()},
+        {name: _bootstrap(find_part, truth, clean, one) for name, one in twins.items()
+         if name != CLEAN},
+    )  # fmt: skip
 
 
-def _bootstrap(rows: Rows, statistic: Callable[[Mapping[str, Floats]], float]) -> Estimate:
+def _bootstrap(statistic: Callable[..., Floats], *rows: Floats) -> Estimate:
     """Statistic of the means of rows, with its interval over the pictures that all rows have."""
-    present = np.logical_and.reduce([np.isfinite(each).all(axis=1) for each in rows.values()])
+    present = np.logical_and.reduce([np.isfinite(each).all(axis=1) for each in rows])
     count = int(present.sum())
     if count < 2:
         return Estimate(math.nan, math.nan, math.nan, count)
-    kept = {name: each[present] for name, each in rows.items()}
-    value = statistic({name: each.mean(axis=0) for name, each in kept.items()})
+    kept = [each[present] for each in rows]
+    value = float(statistic(*(each.mean(axis=0) for each in kept)))
     chosen = np.random.default_rng((_SEED, count)).integers(count, size=(_NUM_DRAWS, count))
-    means = {name: each[chosen].mean(axis=1) for name, each in kept.items()}
-    drawn = [statistic({name: each[n] for name, each in means.items()}) for n in range(_NUM_DRAWS)]
-    finite = [each for each in drawn if math.isfinite(each)] or [math.nan]
-    low, high = np.percentile(finite, (2.5, 97.5))
+    drawn = statistic(*(each[chosen].mean(axis=1) for each in kept))
+    finite = drawn[np.isfinite(drawn)]
+    low, high = np.percentile(finite, (2.5, 97.5)) if len(finite) else (math.nan, math.nan)
     return Estimate(value, float(low), float(high), count)
 
 
@@ -228,9 +221,7 @@ def judge_transfer(samples: Mapping[str, Sequence[Sample]]) -> tuple[TransferRow
                 smooth_histogram(trained[name]), smooth_histogram(others), theta=_THETA
             )
             shares = np.array([_accepted_shares(one, name, accepted) for one in judged])
-            hits, false = (
-                _bootstrap({"x": shares[:, [column]]}, lambda x: _mean(x["x"])) for column in (0, 1)
-            )
+            hits, false = (_bootstrap(_mean, shares[:, [column]]) for column in (0, 1))
             rows.append(TransferRow(training, name, hits, false))
     return tuple(rows)
 

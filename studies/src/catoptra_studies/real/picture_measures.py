@@ -16,6 +16,7 @@ same functions for photographs and for twins. The board's own coordinates say wh
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -27,6 +28,9 @@ from catoptra_protocol.optics.omni_camera import OmniCamera, direction_from_pixe
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_studies.plot_style import Image
 from catoptra_studies.real.photographs import Board, refine_corners
+
+Illumination = Callable[[Floats], Floats]
+"""Relative illumination of a lens, by the image radius over the rim's."""
 
 CLASSES = ("black", "white", "room")
 """Classes whose truth follows from the board's pose."""
@@ -67,6 +71,8 @@ class PictureMeasures:
     """Of column + row of the black squares, counted from the first inner corner."""
     room_colour: Floats
     """(3,) RGB level of the mean light."""
+    room_radius: Floats
+    """(k,) image radii of its pixels, over the rim's."""
     histograms: dict[str, Histogram]
     """Of each of CLASSES."""
 
@@ -79,9 +85,20 @@ class PictureMeasures:
         """Median noise of white or of black patches, grey levels; NaN without one."""
         return _median(self.patch_noise[self.patch_is_white == is_white])
 
-    def colour(self, is_white: bool) -> Floats:
-        """(3,) median RGB of white or of black patches."""
-        return np.asarray(np.median(self.patch_colours[self.patch_is_white == is_white], axis=0))
+    def colour(self, is_white: bool, illumination: Illumination = np.ones_like) -> Floats:
+        """(3,) median RGB of white or of black patches, without a lens's shading of them."""
+        chosen = self.patch_is_white == is_white
+        light = linear_light(self.patch_colours[chosen])
+        return np.asarray(
+            np.median(
+                encoded_level(light / illumination(self.patch_radius[chosen])[:, None]), axis=0
+            )
+        )
+
+    def room(self, illumination: Illumination = np.ones_like) -> Floats:
+        """(3,) RGB of the room, likewise."""
+        mean = illumination(self.room_radius).mean()
+        return encoded_level(linear_light(self.room_colour) / mean)
 
     @property
     def shading_sums(self) -> tuple[float, float]:
@@ -98,10 +115,10 @@ class PictureMeasures:
         return self.patch_radius[is_used], linear_light(self.patch_levels[is_used])
 
 
-def shading_loss(sums: list[tuple[float, float]]) -> float:
-    """Part of the light that is lost at the rim, by the pictures' sums together."""
-    products, squares = np.sum(sums, axis=0)
-    return 1.0 - math.exp(products / squares) if squares > 0.0 else math.nan
+def shading_loss(sums: Floats) -> Floats:
+    """Part of the light that is lost at the rim, by (..., 2) sums of pictures or their mean."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(1.0 - np.exp(sums[..., 0] / sums[..., 1]))
 
 
 def linear_light(levels: Floats) -> Floats:
@@ -130,10 +147,12 @@ def measure_picture(rgb: Image, camera: OmniCamera, pose: Pose, board: Board) ->
     black_parity = 0 if odd > even else 1
     masks = class_masks(camera, place, board, black_parity=black_parity)
     room = encoded_level(linear_light(rgb[masks["room"]].astype(np.float64)).mean(axis=0))
+    v, u = np.nonzero(masks["room"])
+    room_radius = np.hypot(u + 0.5 - camera.centre_px[0], v + 0.5 - camera.centre_px[1])
     histograms = {name: histogram_from_pixels(rgb[mask], BINS) for name, mask in masks.items()}
     return PictureMeasures(
         widths, incidence, levels, noise, radius, colours, parity != black_parity, black_parity,
-        room, histograms,
+        room, room_radius[::50] / camera.rim_radius_px, histograms,
     )  # fmt: skip
 
 
@@ -197,9 +216,14 @@ def _measure_edges(
     middle = np.array((*across_x, *across_y))
     # Which coordinate crosses the edge.
     axis = np.repeat((0, 1), (len(across_x), len(across_y)))
-    step = 0.3 * np.eye(2)[axis]
-    ends = [_project(camera, pose, board, middle + sign * step)[0] for sign in (-1.0, 1.0)]
-    px_per_square = np.linalg.norm(ends[1] - ends[0], axis=1) / 0.6
+    # Across the edge and along it: an oblique board's sides are no right angle in the picture, and
+    # the distance from an edge is that to its line.
+    across_px, along_px = (
+        np.subtract(*(_project(camera, pose, board, middle + sign * step)[0] for sign in (1, -1)))
+        for step in (0.3 * np.eye(2)[axis], 0.3 * np.eye(2)[1 - axis])
+    )
+    area = across_px[:, 0] * along_px[:, 1] - across_px[:, 1] * along_px[:, 0]
+    px_per_square = np.abs(area) / np.linalg.norm(along_px, axis=1) / 0.6
     centre, incidence = _project(camera, pose, board, middle)
     window = np.arange(-_WINDOW_PX, _WINDOW_PX + 1)
     column = np.floor(centre[:, 0]).astype(int)[:, None, None] + window[None, None, :]

@@ -28,19 +28,18 @@ from catoptra_studies.commands import (
     print_line,
 )
 from catoptra_studies.plot_style import BLUE, ORANGE, PAGE_WIDTH_IN, TEAL, Axes, open_chart
-from catoptra_studies.real.board_calibration import rms
-from catoptra_studies.real.camera_fit import VERTEX_M
 from catoptra_studies.real.gap_table import CLEAN, Estimate, GapRow, Sample
-from catoptra_studies.real.photographs import Board, write_jpeg
+from catoptra_studies.real.photographs import Board, rms, write_jpeg
 from catoptra_studies.real.real_study import (
     ALL,
+    EFFECTS,
     FITTED,
     NUM_STEPS,
     StudyOptions,
     StudyResult,
     run_study,
 )
-from catoptra_studies.real.twin import write_mirror_camera
+from catoptra_studies.real.twin import VERTEX_M, write_mirror_camera
 from catoptra_studies.reports import (
     ReportFigure,
     figure_elements,
@@ -55,6 +54,8 @@ from catoptra_studies.reports import (
 _BLOCK = "real"
 _PAGE_QUALITY = 85
 _ANGLE_BINS_DEG = (50, 70, 90, 105, 122)
+# Corners and edges, beside noise, light and colours: a table of all is too wide to read.
+_NUM_GEOMETRIC = 5
 _KINDS = (("photographs", BLUE), (CLEAN, ORANGE), (FITTED, TEAL))
 
 
@@ -66,6 +67,7 @@ def main(arguments: Sequence[str]) -> int:
         find_configuration("cameras", parsed.camera_file),
         Board(parsed.board[0], parsed.board[1], parsed.square),
         parsed.out,
+        effects=tuple(parsed.effects),
         num_processes=parsed.workers,
     )
     with open_progress() as progress:
@@ -91,6 +93,8 @@ def _build_parser() -> CommandParser:
     add("--board", type=_parse_board, default=(11, 7), metavar="11x7",
         help="inner corners of the chessboard")  # fmt: skip
     add("--square", type=_parse_square, default=0.03, metavar="M", help="side of its squares")
+    add("--effects", nargs="+", choices=EFFECTS, default=EFFECTS, metavar="EFFECT",
+        help=f"effects to force on alone: {', '.join(EFFECTS)}")  # fmt: skip
     add("--workers", type=int, choices=range(1, 65), default=2, metavar="N",
         help="processes that draw")  # fmt: skip
     add("--page", type=Path, metavar="FILE", help="document whose marked block gets the tables")
@@ -156,25 +160,25 @@ _CHECK_HEADER = ("incidence", "corners", "cross-validated, px rms", "off a strai
 _TRANSFER_HEADER = ("trained on", "class", "hits", "false positives")
 
 
-def _closed_table(rows: Sequence[GapRow]) -> tuple[list[str], list[list[str]]]:
-    """Part of each gap that each effect closes: a line for an effect."""
-    names = [*rows[0].closed]
-    header = ["effect", *(row.quantity for row in rows)]
-    return header, [[name, *(str(row.closed[name]) for row in rows)] for name in names]
+def _closed_tables(rows: Sequence[GapRow]) -> list[tuple[list[str], list[list[str]]]]:
+    """Part of each gap that each effect closes: a line for an effect, a table for some columns."""
+    groups = rows[:_NUM_GEOMETRIC], rows[_NUM_GEOMETRIC:]
+    return [
+        (
+            ["effect", *(row.quantity for row in group)],
+            [[name, *(str(row.closed[name]) for row in group)] for name in group[0].closed],
+        )
+        for group in groups
+    ]
 
 
 def _value_table(rows: Sequence[GapRow]) -> tuple[list[str], list[list[str]]]:
     kinds = ("photographs", CLEAN, ALL, FITTED)
-    table = [[row.quantity, *(str(row.values[kind]) for kind in kinds)] for row in rows]
-    for line, row in zip(table, rows, strict=True):
-        line.append(_format_remainder(row))
-    return ["quantity", *kinds, "of the gap remains"], table
-
-
-def _format_remainder(row: GapRow) -> str:
-    """What the fitted camera leaves of a gap."""
-    one: Estimate = row.closed[FITTED]
-    return f"{abs(1.0 - one.value):.0%}" if math.isfinite(one.value) else "–"
+    table = [
+        [row.quantity, *(str(row.values[kind]) for kind in kinds), str(row.remainder[FITTED])]
+        for row in rows
+    ]
+    return ["quantity", *kinds, "remainder"], table
 
 
 def _transfer_table(result: StudyResult) -> list[list[str]]:
@@ -186,16 +190,16 @@ def _transfer_table(result: StudyResult) -> list[list[str]]:
 def _write_report(folder: Path, result: StudyResult, options: StudyOptions) -> Path:
     write_json(folder / "real.json", replace_non_finite(_as_json(result)))
     figures = _draw_figures(folder, result)
-    values, closed = _value_table(result.rows), _closed_table(result.rows)
+    _write_strip(folder, result)
     style = "body{font:15px sans-serif;max-width:1200px;margin:2em auto}td,th{padding:2px 8px;"
     style += "text-align:left;border-bottom:1px solid #ddd}table{font-size:12px}"
     parts = (
         f"<p>{html.escape(_describe_check(result, options))}</p>",
         html_table(_CHECK_HEADER, _check_rows(result)),
         "<h2>Values</h2>",
-        html_table(*values),
+        html_table(*_value_table(result.rows)),
         "<h2>Part of the gap that each effect closes</h2>",
-        html_table(*closed),
+        *(html_table(*table) for table in _closed_tables(result.rows)),
         "<h2>Eq. 3 between board and room</h2>",
         html_table(_TRANSFER_HEADER, _transfer_table(result)),
         f"<h2>Fitted camera</h2><pre>{html.escape(chr(10).join(result.camera_lines))}</pre>",
@@ -220,6 +224,7 @@ def _as_json(result: StudyResult) -> dict[str, object]:
         "rows": {
             row.quantity: {
                 "values": {name: numbers(one) for name, one in row.values.items()},
+                "remainder": {name: numbers(one) for name, one in row.remainder.items()},
                 "closed": {name: numbers(one) for name, one in row.closed.items()},
             }
             for row in result.rows
@@ -240,19 +245,10 @@ def _draw_figures(folder: Path, result: StudyResult) -> tuple[ReportFigure, ...]
         left.set(xlabel="incidence, degrees", ylabel="10 to 90 %, px", title="Width of edges")
         right.set(xlabel="grey level", ylabel="grey levels", title="Noise of patches", ylim=(0, 8))
         left.legend()
-    with open_chart(folder / "pictures.png", figsize=(PAGE_WIDTH_IN, 2.4)) as figure:
-        shown = (
-            result.photographs.with_boards[0].rgb,
-            *(result.examples[n] for n in (CLEAN, FITTED)),
-        )
-        for axes, rgb, (name, _) in zip(figure.subplots(1, 3), shown, _KINDS, strict=True):
-            axes.imshow(rgb)
-            axes.set_axis_off()
-            axes.set_title(name)
     return (
         ReportFigure("curves.png", "Edges and noise", "Medians of photographs and of twins.",
                      "Edge width by incidence and noise by grey level"),
-        ReportFigure("pictures.png", "The first photograph and its twins", "As coded.",
+        ReportFigure("real-twin.jpg", "The first photograph and its twins", "As coded.",
                      "A photograph, its clean twin and its twin by the fitted camera"),
     )  # fmt: skip
 
@@ -273,24 +269,29 @@ def _draw_curves(
         axes.plot(middles, medians, "o-", color=colour, label=name, ms=3)
 
 
-def _write_page(path: Path, result: StudyResult, options: StudyOptions) -> None:
-    """Write the tables into the marked block, and the pictures beside the document."""
+def _write_strip(folder: Path, result: StudyResult) -> None:
+    """The first photograph beside its clean twin and its twin by the fitted camera."""
     photograph = result.photographs.with_boards[0].rgb
     strip = np.concatenate((photograph, result.examples[CLEAN], result.examples[FITTED]), axis=1)
-    write_jpeg(path.with_name("real-twin.jpg"), strip, _PAGE_QUALITY)
+    write_jpeg(folder / "real-twin.jpg", strip, _PAGE_QUALITY)
+
+
+def _write_page(path: Path, result: StudyResult, options: StudyOptions) -> None:
+    """Write the tables into the marked block, and the pictures beside the document."""
+    _write_strip(path.parent, result)
     parts = (
         wrap_paragraph(_describe_check(result, options)),
         markdown_table(_CHECK_HEADER, _check_rows(result)),
         wrap_paragraph(
-            "Values with their 95 % intervals and the number of photographs; the last column is "
-            "what the fitted camera leaves of the clean twin's gap:"
+            "Values with their 95 % intervals and the number of photographs; the remainder "
+            "is the fitted camera's twin less the photographs, and 0 in its interval is no gap:"
         ),
         markdown_table(*_value_table(result.rows)),
         wrap_paragraph(
             "Part of each gap that an effect closes, forced on alone: 1 is all of it, 0 nothing, "
             "below 0 it leads away:"
         ),
-        markdown_table(*_closed_table(result.rows)),
+        *(markdown_table(*table) for table in _closed_tables(result.rows)),
         wrap_paragraph(
             "Eq. 3 between black squares, white squares and room, trained on one half of each kind "
             "of pictures, judged on the photographs of the other half:"

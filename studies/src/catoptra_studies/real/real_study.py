@@ -30,23 +30,6 @@ from catoptra_server.config.known_names import find_configuration
 from catoptra_server.render.renderer import PerPixel, RenderSettings
 from catoptra_server.simulation.robot_description import OmniCameraDescription, PlanarPose
 from catoptra_studies.plot_style import Image
-from catoptra_studies.real.board_calibration import (
-    BoardPose,
-    Calibration,
-    calibrate,
-    cross_validate,
-    find_pose,
-    have_other_hand,
-    measure_straightness_px,
-    order_corners,
-)
-from catoptra_studies.real.camera_fit import (
-    FOCAL_LENGTHS_PX,
-    VERTEX_M,
-    CameraParameters,
-    describe_camera,
-    fit_camera,
-)
 from catoptra_studies.real.gap_table import (
     CLEAN,
     GapRow,
@@ -57,10 +40,18 @@ from catoptra_studies.real.gap_table import (
 )
 from catoptra_studies.real.photographs import (
     Board,
+    BoardPose,
+    Calibration,
     Photograph,
     PhotographSet,
+    calibrate,
     code_picture,
+    cross_validate,
     find_corners,
+    find_pose,
+    have_other_hand,
+    measure_straightness_px,
+    order_corners,
     read_photographs,
 )
 from catoptra_studies.real.picture_measures import (
@@ -71,15 +62,27 @@ from catoptra_studies.real.picture_measures import (
     pixel_directions,
 )
 from catoptra_studies.real.twin import (
+    FOCAL_LENGTHS_PX,
+    VERTEX_M,
+    CameraParameters,
     TwinCamera,
     TwinScene,
+    describe_camera,
     draw_twins,
+    fit_camera,
     write_mirror_camera,
     write_world,
 )
 from catoptra_studies.study_subject import FIGURE_RENDERERS, open_study_subject
 
+_VIGNETTING = "Vignetting=always"
 ALL, FITTED = "all effects", "fitted camera"
+EFFECTS = (
+    "defocus", "diffraction", "noise", "mosaic", "vignetting", "lateral colour", "exposure",
+    "glare", "dust", "holder",
+)  # fmt: skip
+# Photographs of which the camera's scales are fitted by drawing.
+_NUM_FITTED = 6
 _NUM_TRAINING_FRAMES, _TRAINING_PX = 20, 360
 
 
@@ -91,8 +94,8 @@ class StudyOptions:
     camera_file: Path
     board: Board
     out: Path
-    num_fitted: int = 6
-    """Photographs of which the camera's scales are fitted by drawing."""
+    effects: tuple[str, ...] = EFFECTS
+    """Those to force on alone, and together."""
     num_processes: int = field(default=2, compare=False)
 
 
@@ -151,9 +154,10 @@ def _run_study(options: StudyOptions, run: _Workers, on_step: Callable[[], None]
     on_step()
     twins = _Twins.make(options, run, file_camera, calibration, found, boards)
     start = twins.start_parameters()
-    parameters, left = _fit(options, twins, start)
+    parameters, left = _fit(twins, start)
     on_step()
-    variants = list_variants(parameters, has_mirror=twins.camera(parameters.focal_px).has_mirror)
+    has_mirror = twins.camera(parameters.focal_px).has_mirror
+    variants = list_variants(parameters, has_mirror=has_mirror, effects=options.effects)
     each = twins.measure_all(variants, parameters.focal_px)
     on_step()
     samples = {"photographs": twins.photograph_samples(validated)}
@@ -180,7 +184,7 @@ NUM_STEPS = 3
 
 
 def list_variants(
-    p: CameraParameters, *, has_mirror: bool
+    p: CameraParameters, *, has_mirror: bool, effects: Sequence[str] = EFFECTS
 ) -> dict[str, tuple[tuple[str, ...], int | None]]:
     """Lines of the camera's section, and quality of the coding, by the name of the effects."""
     lens, noise = p.lens_lines(), p.noise_lines()
@@ -190,17 +194,20 @@ def list_variants(
         "diffraction": ("Diffraction=always", *lens),
         "noise": ("ShotNoise=always", "ReadNoise=always", *noise),
         "mosaic": ("Bayer=always",),
-        "vignetting": ("Vignetting=always",),
+        "vignetting": (_VIGNETTING,),
         "lateral colour": ("ChromaticAberration=always", *colour),
         "exposure": ("AutoExposure=always", f"AutoExposureTarget={p.mean_light:.5f}"),
         "glare": ("VeilingGlare=always",),
+        "dust": ("MirrorDust=always", *lens),
+        "holder": ("MirrorHolder=always", *lens),
     }
-    if has_mirror:
-        single |= {"dust": ("MirrorDust=always", *lens), "holder": ("MirrorHolder=always", *lens)}
-    # A key that two effects share is stated once.
-    everything = tuple(dict.fromkeys(line for lines in single.values() for line in lines))
     chosen = ("defocus", "noise", "vignetting", "lateral colour")
     fitted = tuple(dict.fromkeys(line for name in chosen for line in single[name]))
+    of_mirror = ("dust", "holder")
+    single = {name: lines for name, lines in single.items()
+              if name in effects and (has_mirror or name not in of_mirror)}  # fmt: skip
+    # A key that two effects share is stated once.
+    everything = tuple(dict.fromkeys(line for lines in single.values() for line in lines))
     plain: dict[str, tuple[tuple[str, ...], int | None]] = {CLEAN: ((), None)}
     plain |= {name: (lines, None) for name, lines in single.items()}
     if p.jpeg_quality is not None:
@@ -320,34 +327,35 @@ class _Twins:
         camera = self._twin_camera(focal_px)
         cameras = {name: camera.with_effects(lines) for name, (lines, _) in variants.items()}
         qualities = {name: quality for name, (_, quality) in variants.items()}
+        shaded = frozenset(name for name, (lines, _) in variants.items() if _VIGNETTING in lines)
         tasks = [
-            _Task(self._scene(number, camera.camera), number, cameras, qualities, self.options)
+            _Task(*self._scenes(number, camera.camera), shaded, number, cameras, qualities,
+                  self.options)
             for number in (chosen if chosen is not None else range(len(self.photographs)))
-        ]
+        ]  # fmt: skip
         return self.run(tasks)
 
-    def _scene(self, number: int, camera: OmniCamera) -> TwinScene:
+    def _scenes(self, number: int, camera: OmniCamera) -> tuple[TwinScene, TwinScene]:
+        """Scene in the photograph's colours, and in those that vignetting makes of them."""
         photograph, measures = self.photographs[number], self.measures[number]
         assert photograph.corners_px is not None, "of photographs with boards"
-        pose = find_pose(camera, photograph.corners_px, self.options.board)
-        return TwinScene(
-            photograph.name,
-            pose.mirror_from_board,
-            measures.colour(True),
-            measures.colour(False),
-            measures.room_colour,
-            measures.black_parity,
-        )
+        pose = find_pose(camera, photograph.corners_px, self.options.board).mirror_from_board
+
+        def shade(radius: Floats) -> Floats:
+            return camera.relative_illumination(np.minimum(radius, 1.0) * camera.rim_radius_px)
+
+        plain, shaded = (
+            TwinScene(photograph.name, pose, measures.colour(True, by), measures.colour(False, by),
+                      measures.room(by), measures.black_parity)
+            for by in (np.ones_like, shade)
+        )  # fmt: skip
+        return plain, shaded
 
 
-def _fit(
-    options: StudyOptions, twins: _Twins, start: CameraParameters
-) -> tuple[CameraParameters, dict[float, float]]:
+def _fit(twins: _Twins, start: CameraParameters) -> tuple[CameraParameters, dict[float, float]]:
     """Parameters of the photographs' camera; a camera without a mirror keeps its lens."""
     count = len(twins.photographs)
-    chosen = sorted(
-        {round(n) for n in np.linspace(0, count - 1, min(max(3, count // 2), options.num_fitted))}
-    )
+    chosen = sorted({round(n) for n in np.linspace(0, count - 1, min(count, _NUM_FITTED))})
 
     def draw(p: CameraParameters) -> list[PictureMeasures]:
         has_mirror = twins.camera(p.focal_px).has_mirror
@@ -373,6 +381,9 @@ class _Task:
     """Twins of one photograph."""
 
     scene: TwinScene
+    shaded_scene: TwinScene
+    shaded: frozenset[str]
+    """Names of twins with vignetting, which darkens its scene to the photograph's colours."""
     number: int
     cameras: Mapping[str, OmniCameraDescription]
     qualities: Mapping[str, int | None]
@@ -381,12 +392,17 @@ class _Task:
 
 def _measure_twins(task: _Task) -> dict[str, _TwinSample]:
     board = task.options.board
-    world_file = task.options.out / f"{task.scene.name}.ini"
-    write_world(world_file, task.scene, board)
-    pictures = draw_twins(world_file, task.cameras, exposure=task.number)
+    pictures: dict[str, Image] = {}
+    # The plain scene's file last: it stays for a server.
+    for scene, is_shaded in ((task.shaded_scene, True), (task.scene, False)):
+        cameras = {n: one for n, one in task.cameras.items() if (n in task.shaded) is is_shaded}
+        if cameras:
+            world_file = task.options.out / f"{scene.name}.ini"
+            write_world(world_file, scene, board)
+            pictures |= draw_twins(world_file, cameras, exposure=task.number)
     found = {}
-    for name, picture in pictures.items():
-        rgb = code_picture(picture, task.qualities[name])
+    for name in task.cameras:
+        rgb = code_picture(pictures[name], task.qualities[name])
         found[name] = _measure_twin(rgb, task, task.cameras[name].camera)
     return found
 
