@@ -123,6 +123,16 @@ def mutate_numbers(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
     return data
 
 
+def mutate_mask(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
+    """Picture with a rectangle of another value; one in four with other changes."""
+    if rng.random() < 0.25:
+        return mutate(rng, seeds)
+    picture = cv2.imdecode(np.frombuffer(rng.choice(seeds), np.uint8), cv2.IMREAD_GRAYSCALE)
+    top, left, height, width = (rng.randrange(1, len(picture)) for _ in range(4))
+    picture[top : top + height, left : left + width] = rng.randrange(256)
+    return cv2.imencode(".png", picture)[1].tobytes()
+
+
 def mutate_table(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
     """Ray table of which one array is missing or changed, its checksum right; or other changes."""
     if rng.random() < 0.25:
@@ -199,7 +209,7 @@ def _mask_target(folder: Path, camera: OmniCamera) -> FuzzTarget:
         return _look_through(lambda: camera_from_file(file), ConfigError)
 
     assert feed(seed)
-    return FuzzTarget("mask of a camera", feed, (seed,), mutate, _TABLE_PERIOD)
+    return FuzzTarget("mask of a camera", feed, (seed,), mutate_mask, _TABLE_PERIOD)
 
 
 def _make_camera_feeder(folder: Path) -> FeedInput:

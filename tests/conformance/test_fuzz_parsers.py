@@ -21,7 +21,7 @@ def test_fuzz_when_repeated_feeds_the_same() -> None:
         targets = all_targets()
         for one in targets:
             one.period = min(one.period, 5)  # so that each has an input that it accepts
-        fuzz(targets, 6000, 8, lambda done: None)
+        fuzz(targets, 10000, 8, lambda done: None)
         tallies.append([(one.name, one.num_accepted, one.num_rejected) for one in targets])
     assert tallies[0] == tallies[1]
     assert all(accepted for _, accepted, _ in tallies[0])
