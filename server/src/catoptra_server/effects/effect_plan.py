@@ -237,7 +237,8 @@ def _decide_by_change(decision: EffectDecision, change: EffectChange) -> EffectD
     )
     if change.largest == math.inf:
         return replace(measured, reason=f"seen in this frame; {reason}")
-    reason = f"at most {_describe_change(change)} in this frame; {reason}"
+    frame = "a frame shortly before" if change.is_earlier else "this frame"
+    reason = f"at most {_describe_change(change)} in {frame}; {reason}"
     return replace(measured, change=change.largest, reason=reason)
 
 

@@ -244,7 +244,8 @@ class KernelRays:
 
 
 def _measures(thresholds: Mapping[str, Threshold], effect: str) -> bool:
-    return effect in thresholds and thresholds[effect].is_measured
+    one = thresholds.get(effect)
+    return one is not None and one.is_measured and not one.is_known
 
 
 def _spread(thresholds: Mapping[str, Threshold]) -> int:
@@ -535,7 +536,9 @@ class KernelEngine:
         if struct.has_shadows:
             self._prepare_shadows()
         struct.output = output
-        struct.measures_shadows = _measures(thresholds, "Shadows")
+        shadows = thresholds.get("Shadows")
+        struct.measures_shadows = shadows is not None and shadows.is_measured
+        struct.knows_shadows = shadows is not None and shadows.is_known
         struct.measures_fog = _measures(thresholds, "Fog")
         if struct.has_gloss:
             struct.measures_gloss = _measures(thresholds, "Gloss")

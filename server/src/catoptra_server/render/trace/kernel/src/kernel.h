@@ -251,7 +251,8 @@ typedef struct {
     const float *boxes;        /* (b, 6) centre and half size in the frame of an object */
     const int32_t *box_object; /* (b,) index of the object that a box encloses a part of */
     int32_t has_shadows;
-    int32_t measures_shadows; /* shadow_change of the counts is wanted */
+    int32_t measures_shadows; /* the frame decides on shadows by their change, */
+    int32_t knows_shadows;    /* which another frame has told: shadow_change is not wanted */
     /* Of all effects that are measured. Lamps whose light changes by less than the plain change,
      * together, cast no shadow rays where shadows are measured. */
     ChangeLimits limits;

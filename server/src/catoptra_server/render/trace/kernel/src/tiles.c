@@ -234,7 +234,7 @@ static void fill_tile(const FrameState *state, int tile, const TileContent *cont
     for (int row = 0; row < pixels.rows; row++)
         memcpy(pixel_at(&pixels, row, 0), row_of_pixels,
                (size_t)pixels.columns * pixels.pixel_bytes);
-    if (state->frame->measures_shadows && !light->is_table)
+    if (finds_shadow_change(state) && !light->is_table)
         note_change(state, &state->measures->shadow, pixels.rows * pixels.columns, light->radiance,
                     add(light->radiance, light->lost));
     if (state->frame->measures_fog && has_fog(state))
@@ -450,7 +450,7 @@ static void find_unwatched(const FrameState *state, const RayBlock *source, uint
                            const TileContent *content, float radiance[3][BLOCK_RAYS],
                            const LostLight *lost, float shadowed[3][BLOCK_RAYS],
                            float lit[3][BLOCK_RAYS]) {
-    int is_measured = state->frame->measures_shadows && state->frame->has_shadows;
+    int is_measured = finds_shadow_change(state);
     _Alignas(64) float hidden[3][BLOCK_RAYS];
     LostLight hidden_lost = {.rays = 0};
     if (watched)
@@ -473,7 +473,7 @@ static void note_watched(const FrameState *state, int tile, const PixelSums *sum
     const PixelSums *with[3] = {sums, sums, unshadowed};
     const PixelSums *without[3] = {&unwatched->sums, &unwatched->unshadowed,
                                    &unwatched->unshadowed};
-    int is_measured = state->frame->measures_shadows && state->frame->has_shadows;
+    int is_measured = finds_shadow_change(state);
     note_largest_changes(state, tile, &state->measures->watched, is_measured ? 3 : 1, with,
                          without);
 }
@@ -580,7 +580,7 @@ static void add_row_block(const FrameState *state, int tile, int row, const RayB
                           const TileContent *content, RowSums *result) {
     _Alignas(64) float radiance[3][BLOCK_RAYS];
     LostLight lost = {.rays = 0};
-    int is_measured = state->frame->measures_shadows && state->frame->has_shadows;
+    int is_measured = finds_shadow_change(state);
     float clear[3][BLOCK_RAYS];
     shade_in_fog(state, tile, rays, hits, content, radiance, is_measured ? &lost : NULL,
                  measures_fog(state) ? clear : NULL);
@@ -648,7 +648,7 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
     PixelSums sums, clear_sums;
     Unshadowed unshadowed = {.differs = 0};
     Unwatched unwatched = {.differs = 0};
-    int is_measured = state->frame->measures_shadows && state->frame->has_shadows;
+    int is_measured = finds_shadow_change(state);
     for (int block = 0; block < blocks; block++) {
         size_t index = (size_t)tile * (size_t)blocks + (size_t)block;
         RayBlock rays;
@@ -725,7 +725,7 @@ static int fill_textured_tile(const FrameState *state, int tile, const TileConte
         !(state->scene->mesh->arrays.flags[content->triangle] & FACET_TEXTURED) ||
         !(content->is_open || !has_occlusion(state->scene, content->triangle)) ||
         !find_plane_light(state, content->triangle, content->proof, &light) ||
-        (state->frame->measures_shadows && max_abs(light.lost) > 0.0f))
+        (finds_shadow_change(state) && max_abs(light.lost) > 0.0f))
         return 0;
     /* The texels of a block are on their way while those of the one before are mixed. */
     PlacedTexels placed[2];
@@ -774,7 +774,7 @@ static int fill_single_tile(const FrameState *state, int tile, const TileContent
         return 1;
     }
     if (!is_fogged_as_one(state, tile) ||
-        (state->frame->measures_shadows && max_abs(light.lost) > 0.0f))
+        (finds_shadow_change(state) && max_abs(light.lost) > 0.0f))
         return 0;
     fill_fogged_tile(state, tile, content->triangle, light.radiance);
     return 1;
