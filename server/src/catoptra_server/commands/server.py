@@ -386,7 +386,7 @@ class ServerThreads:
             summarizer,
             calibration_states=make_start_states(startup),
             error_bounds=self.error_bounds,
-            holds_changes=is_realtime,
+            ends_measures=is_realtime,
         )
         # Prepared at start: calibration takes seconds, in which the first viewer would wait.
         for key, omni in omnis.items():

@@ -334,8 +334,8 @@ class EffectChange:
     """Of any pixel, grey levels."""
     visible_share: float = 1.0
     """Share of the picture's pixels that change by more than VISIBLE_LEVELS."""
-    is_earlier: bool = False
-    """Whether both are those of a frame shortly before."""
+    is_partial: bool = False
+    """Whether `largest` is that of a part of the picture, which decides: more may follow."""
 
     def __post_init__(self) -> None:
         if self.largest <= VISIBLE_LEVELS:
@@ -356,8 +356,8 @@ class Threshold:
     """A difference far above white, which its own pixel does not show, reaches black neighbours."""
     has_mosaic: bool = False
     """Whether a mosaic follows, behind which a pixel's change shows in its neighbours."""
-    is_known: bool = False
-    """Whether an earlier frame has told the change: the picture is the same, without measuring."""
+    may_end: bool = False
+    """Whether a part of the picture that decides is enough: its change, not the largest, is told."""
 
     @property
     def is_measured(self) -> bool:

@@ -95,6 +95,11 @@ class EffectPlan:
         found = (one.displacement_px for one in self.decisions if one.effect == effect_name)
         return next(found, None) or 0.0
 
+    def end_measures(self) -> EffectPlan:
+        """The plan of a frame that need not find the largest change of what is surely on."""
+        may_end = {name: replace(one, may_end=True) for name, one in self.thresholds.items()}
+        return replace(self, thresholds=may_end)
+
     def decide_by_frame(self, changes: Mapping[str, EffectChange]) -> tuple[EffectDecision, ...]:
         """Decisions with what a frame shows: an effect that changes too little in it is off.
 
@@ -237,8 +242,8 @@ def _decide_by_change(decision: EffectDecision, change: EffectChange) -> EffectD
     )
     if change.largest == math.inf:
         return replace(measured, reason=f"seen in this frame; {reason}")
-    frame = "a frame shortly before" if change.is_earlier else "this frame"
-    reason = f"at most {_describe_change(change)} in {frame}; {reason}"
+    limit = "at least" if change.is_partial else "at most"
+    reason = f"{limit} {_describe_change(change)} in this frame; {reason}"
     return replace(measured, change=change.largest, reason=reason)
 
 

@@ -9,9 +9,6 @@ error bounds may be read by any thread.
 
 * A decision about an effect follows from one exposure. The drawn frame's largest change, not a
   pilot frame, says whether the effect shows.
-* In real time what a body, shadows and baked light change is measured twice a second, while each
-  changes over eight times its threshold and the camera stays near: to measure it takes a seventh
-  of a frame of the laboratory. The picture is the same, and the reason names the earlier frame.
 * A budget counts as exceeded when the median of 30 frames is more than a fifth above: the next
   frame is planned anew. Headroom, a more accurate plan predicted to take at most 0.85 of the
   budget, has to last 300 frames, twice as long after each mistake, so that plans do not oscillate.
@@ -88,9 +85,6 @@ _MAX_CAMERAS = 256
 DEFAULT_CALIBRATION_STATES = (CameraState(Pose.identity()),)
 
 _Plan = RenderPlan | PerspectivePlan
-# How long and far from its frame a change holds that is so many times its threshold.
-_RECENT_S, _RECENT_M, _RECENT_FACTOR = 0.5, 0.3, 8.0
-_HELD_EFFECTS = ("SelfView", "Shadows", "BakedLight")
 ViewKey = tuple[OmniCamera | PerspectiveCamera, _Plan]
 
 
@@ -184,8 +178,6 @@ class CameraPlan:
             if isinstance(camera, OmniCameraSpec)
             else 0.0
         )
-        self.recent: tuple[float, Pose, Mapping[str, EffectChange]] = (-math.inf, Pose.identity(), {})
-        """Time, camera's pose and changes of the last frame that measured these."""
         self.status = _BudgetStatus.WITHIN_BUDGET
         self.is_unreachable = False
         """Whether planning found nothing faster although the budget is exceeded; logged once."""
@@ -212,39 +204,6 @@ class CameraPlan:
             return self.choice
         return self._plan_choice.place(cast(OmniCamera, self.camera.camera), scene)
 
-    def hold_changes(self, effects: EffectPlan, state: CameraState, now_s: float) -> EffectPlan:
-        """The effects without measuring what a frame shortly before showed to change much."""
-        at_s, pose, changes = self.recent
-        held = {
-            name: replace(one, is_known=True)
-            for name, one in effects.thresholds.items()
-            if name in _HELD_EFFECTS and one.is_measured
-        }
-        is_near = (
-            now_s - at_s <= _RECENT_S
-            # What moves is blurred by the frame's own measures.
-            and state.shutter is None
-            and math.dist(state.world_from_mirror.translation, pose.translation) <= _RECENT_M
-        )
-        if not is_near or any(
-            name not in changes or changes[name].largest <= _RECENT_FACTOR * one.max_change
-            for name, one in held.items()
-        ):
-            return effects
-        return replace(effects, thresholds={**effects.thresholds, **held})
-
-    def add_held(
-        self, frame_plan: FramePlan, changes: Mapping[str, EffectChange], now_s: float
-    ) -> Mapping[str, EffectChange]:
-        """Changes that a frame measured, with those that are held."""
-        thresholds = frame_plan.effects.thresholds
-        held = [name for name, one in thresholds.items() if one.is_known]
-        if held:
-            return {**changes, **{name: self.recent[2][name] for name in held}}
-        earlier = {name: replace(one, is_earlier=True) for name, one in changes.items()}
-        self.recent = now_s, frame_plan.camera_state.world_from_mirror, earlier
-        return changes
-
     def bound_frame(self, scene: SceneDisplacements) -> None:
         """Add to the plan's bound what a frame's scene contributes."""
         choice = self.place(scene)
@@ -270,7 +229,7 @@ class FramePlanner:
         *,
         calibration_states: Sequence[CameraState] = DEFAULT_CALIBRATION_STATES,
         error_bounds: ErrorBoundTable | None = None,
-        holds_changes: bool = False,
+        ends_measures: bool = False,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         """Create a planner without any camera.
@@ -281,7 +240,8 @@ class FramePlanner:
             calibration_states: Camera states to measure costs from, where an accuracy target
                 needs measured costs.
             error_bounds: Table to publish error bounds in.
-            holds_changes: Whether a frame may take over what one shortly before has measured.
+            ends_measures: Whether a frame may state the change of a part of the picture, where that
+                decides. The picture is the same, some sooner.
             clock: Clock in seconds that decisions are timed by.
         """
         self._clock = clock
@@ -293,7 +253,7 @@ class FramePlanner:
         }
         self._calibration_states = calibration_states
         self._error_bounds: ErrorBoundTable = {} if error_bounds is None else error_bounds
-        self._holds_changes = holds_changes
+        self._ends_measures = ends_measures
         # The ones used longest ago are forgotten.
         self._cameras: LruDict[CameraSpec, CameraPlan] = LruDict(
             _MAX_CAMERAS, on_remove=lambda camera: self._error_bounds.pop(camera, None)
@@ -311,10 +271,9 @@ class FramePlanner:
         self._replan_if_due(camera_plan)
         begin_s = self._clock()
         effects = self._decide_effects(camera_plan, camera_state)
+        if self._ends_measures:
+            effects = effects.end_measures()
         unlimited = apply_scene_effects(camera_state, effects)
-        # A perspective camera turns away from what it measured.
-        if self._holds_changes and isinstance(drawn, OmniCameraSpec):
-            effects = camera_plan.hold_changes(effects, unlimited, begin_s)
         limited = unlimited
         if unlimited.shutter is not None:
             limited = limit_time_samples(unlimited, drawn.camera, camera_plan.plan)
@@ -363,8 +322,7 @@ class FramePlanner:
             self._record_time(camera_plan, frame_ms, image.stage_ms)
         if not frame_plan.effects.decisions:
             return ()
-        changes = camera_plan.add_held(frame_plan, image.changes, self._clock())
-        decisions = frame_plan.conclude(changes)
+        decisions = frame_plan.conclude(image.changes)
         # Once whole: bounds move with every pose, and viewers and `explain` show the present ones.
         if not camera_plan.decisions:
             log.info("effects:\n%s", format_decisions(decisions, {}))

@@ -113,7 +113,7 @@ class ViewCache:
         max_views: int = _MAX_VIEWS,
         calibration_states: Sequence[CameraState] = DEFAULT_CALIBRATION_STATES,
         error_bounds: ErrorBoundTable | None = None,
-        holds_changes: bool = False,
+        ends_measures: bool = False,
         request_labels: _LabelRequester | None = None,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
@@ -126,7 +126,7 @@ class ViewCache:
             max_views: Number of views above which the one rendered longest ago is closed.
             calibration_states: As of `FramePlanner`.
             error_bounds: As of `FramePlanner`.
-            holds_changes: As of `FramePlanner`.
+            ends_measures: As of `FramePlanner`.
             request_labels: Labels in some channels that can be found while an image is drawn;
                 None for the server's frames.
             clock: Clock in seconds that frames are timed by.
@@ -138,7 +138,7 @@ class ViewCache:
             summarizer,
             calibration_states=calibration_states,
             error_bounds=error_bounds,
-            holds_changes=holds_changes,
+            ends_measures=ends_measures,
             clock=clock,
         )
         self._clock = clock

@@ -228,7 +228,7 @@ class FrameStruct(ctypes.Structure):
         ("box_object", c_void_p),
         ("has_shadows", c_int32),
         ("measures_shadows", c_int32),
-        ("knows_shadows", c_int32),
+        ("ends_measures", c_int32),
         ("limits", ChangeLimits),
         ("watched_object", c_int32),
         ("has_few_rays", c_int32),
@@ -272,6 +272,7 @@ class FrameCounts(ctypes.Structure):
         ("fog_change", PixelChange),
         ("gloss_change", PixelChange),
         ("light_change", PixelChange),
+        ("ended_measures", c_int32),
     ]
 
 

@@ -39,12 +39,6 @@ typedef struct {
     int is_constant; /* light is constant over each facet: no shadow, no point light */
 } FrameState;
 
-/* Whether it is wanted what shadows take of each pixel's light. */
-static inline int finds_shadow_change(const FrameState *state) {
-    const Frame *frame = state->frame;
-    return frame->has_shadows && frame->measures_shadows && !frame->knows_shadows;
-}
-
 /* Triangles of the static scene, or of a dynamic object by its number in hits. */
 static inline const MeshArrays *mesh_of(const FrameState *state, int object) {
     return object == OBJECT_STATIC ? &state->scene->mesh->arrays

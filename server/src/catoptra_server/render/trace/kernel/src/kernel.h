@@ -40,6 +40,8 @@ enum {
 };
 
 /* Object numbers: nothing, the static scene, 1 + index of a dynamic object, any of these. */
+/* What a part of a frame may decide on. */
+enum { MEASURE_SHADOWS = 1, MEASURE_LIGHT = 2, MEASURE_WATCHED = 4 };
 enum { OBJECT_NONE = -1, OBJECT_STATIC = 0, OBJECT_ANY = INT32_MAX };
 
 typedef struct Device Device;
@@ -252,7 +254,9 @@ typedef struct {
     const int32_t *box_object; /* (b,) index of the object that a box encloses a part of */
     int32_t has_shadows;
     int32_t measures_shadows; /* the frame decides on shadows by their change, */
-    int32_t knows_shadows;    /* which another frame has told: shadow_change is not wanted */
+    /* Once a part of the picture decides that shadows, baked light or the watched object are on, the
+     * rest need not measure them. */
+    int32_t ends_measures;
     /* Of all effects that are measured. Lamps whose light changes by less than the plain change,
      * together, cast no shadow rays where shadows are measured. */
     ChangeLimits limits;
@@ -300,6 +304,7 @@ typedef struct {
     PixelChange fog_change;
     PixelChange gloss_change; /* pixels counted by their samples */
     PixelChange light_change; /* by baked light; likewise */
+    int32_t ended_measures; /* MEASURE_...: whose largest change is that of a part */
 } FrameCounts;
 
 CATOPTRA_EXPORT int32_t catoptra_abi(int32_t structure);

@@ -50,6 +50,17 @@ PixelChange find_light_change(const FrameState *state, int pixels) {
     return change;
 }
 
+void end_measures(const FrameState *state) {
+    struct Measures *measures = state->measures;
+    const ChangeLimits *limits = &state->frame->limits;
+    if (!is_counted(&measures->shadow, limits))
+        measures->ended |= MEASURE_SHADOWS;
+    if (!is_counted(&measures->light, limits))
+        measures->ended |= MEASURE_LIGHT;
+    if (!is_counted(&measures->watched, limits))
+        measures->ended |= MEASURE_WATCHED;
+}
+
 float colour_change(const Frame *frame, Vec3 one, Vec3 other) {
     return fmaxf(fmaxf(level_change(frame, one.x, other.x), level_change(frame, one.y, other.y)),
                  level_change(frame, one.z, other.z));

@@ -17,10 +17,28 @@ struct Measures {
     ChangeMeasure spilt;      /* over black pixels, by baked light above the well */
     ChangeMeasure watched;    /* against frames without the watched object */
     int blurs_unseen_shadows; /* the sharp frame shows none, other instants may */
+    /* Bit mask of MEASURE_... that a part of the frame has decided: the rest measures no more. Set
+     * between passes. */
+    int ended;
     atomic_int skips_lamps;   /* some ray knows nothing of a lamp whose light nobody misses */
     atomic_int shows_watched; /* some ray meets the watched object first */
     atomic_int drops_layers;  /* some ray meets more blended facets than are shown */
 };
+
+/* Whether it is wanted what shadows take of each pixel's light, and the number of an object without
+ * which the frame is wanted too; 0: none. */
+static inline int finds_shadow_change(const FrameState *state) {
+    const Frame *frame = state->frame;
+    return frame->has_shadows && frame->measures_shadows &&
+           !(state->measures->ended & MEASURE_SHADOWS);
+}
+
+static inline int32_t find_watched(const FrameState *state) {
+    return state->measures->ended & MEASURE_WATCHED ? 0 : state->frame->watched_object;
+}
+
+/* End the measures whose effects are on whatever else is found. */
+void end_measures(const FrameState *state);
 
 /* Change of the picture, grey levels, between two values of a channel, linear light; and between
  * two colours. */

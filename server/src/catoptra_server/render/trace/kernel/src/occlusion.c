@@ -294,10 +294,7 @@ void note_light(const FrameState *state, int32_t triangle, uint32_t lanes,
                 const float radiance[3][BLOCK_RAYS], const float sky[3][BLOCK_RAYS],
                 const float factors[3][BLOCK_RAYS]) {
     const Occlusion *occlusion = &state->scene->occlusion;
-    /* No change is larger than white. */
-    const ChangeMeasure *measure = &state->measures->light;
-    if (!occlusion->means || (read_largest(measure) >= 255.0f &&
-                              !is_counted(measure, &state->frame->limits)))
+    if (!occlusion->means || state->measures->ended & MEASURE_LIGHT)
         return;
     const float open[3] = {1.0f, 1.0f, 1.0f};
     int32_t grid = occlusion->patch_of[triangle];

@@ -27,6 +27,8 @@
 #include <string.h>
 #include <time.h>
 
+/* Parts of the picture of which one, in each direction another, decides what need be measured. */
+enum { SAMPLED_PARTS = 5, ALL_PARTS = 0, SOME_PARTS, OTHER_PARTS };
 /* Tiles that a thread takes at once: few enough that none waits long for the last. */
 enum { TILES_AT_ONCE = 32 };
 /* Between measured poses a viewpoint moves along chords: this much more than enough. */
@@ -44,6 +46,7 @@ typedef struct {
     const Band *bands;  /* one, or one of each row of parts; NULL without proofs */
     int num_bands, max_boxes;
     int is_second_pass; /* of a moving frame: the tiles that its plan wants */
+    int parts;          /* ALL_PARTS, or SOME_PARTS, of every SAMPLED_PARTS one, or the others */
     atomic_int next;
     atomic_int num_filled;
     atomic_int failed;
@@ -61,6 +64,9 @@ static void render_parts(void *argument) {
     }
     int part, filled = 0;
     while ((part = atomic_fetch_add(&job->next, 1)) < parts->rows * parts->columns) {
+        int is_sampled = (part / parts->columns * 2 + part % parts->columns) % SAMPLED_PARTS == 0;
+        if (job->parts != ALL_PARTS && is_sampled != (job->parts == SOME_PARTS))
+            continue;
         const Band *band = job->bands + (job->num_bands > 1 ? part / parts->columns : 0);
         aim_search(search, &band->state, &band->objects, job->is_second_pass ? &num_rays : NULL);
         filled += render_part(search, job->view, part);
@@ -217,6 +223,14 @@ static int run_pass(Device *device, Job *job, float exposure) {
         job->bands = bands = create_bands(job, exposure);
         if (!bands)
             return 0;
+        /* What moves is blurred by the whole sharp frame's measures. */
+        if (job->state->frame->ends_measures && !job->state->plan) {
+            job->parts = SOME_PARTS;
+            workers_run(device->workers, render_parts, job);
+            end_measures(job->state);
+            job->parts = OTHER_PARTS;
+            atomic_store(&job->next, 0);
+        }
         workers_run(device->workers, render_parts, job);
     } else {
         void (*visit)(void *) = job->is_second_pass ? blur_tiles : render_tiles;
@@ -299,6 +313,7 @@ int32_t catoptra_render(Device *device, const Scene *scene, const View *view, co
         counts->rolling_change = conclude_change(&state.plan->rolling, &frame->limits, pixels);
     counts->watched_change = conclude_change(&measures.watched, &frame->limits, pixels);
     counts->shows_watched = atomic_load(&measures.shows_watched);
+    counts->ended_measures = measures.ended;
     counts->drops_layers = atomic_load(&measures.drops_layers);
     end_frame(&state);
     return !is_rendered;

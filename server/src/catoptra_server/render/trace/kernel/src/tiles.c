@@ -62,7 +62,7 @@ static void intersect_scene(const FrameState *state, const ShortList *short_list
 
 /* Bit mask of the rays that meet the watched object first; that it is seen is noted. */
 static uint32_t watch_object(const FrameState *state, const RayBlock *rays, const HitBlock *hits) {
-    int32_t watched = state->frame->watched_object;
+    int32_t watched = find_watched(state);
     uint32_t lanes = 0;
     for (int lane = 0; watched && lane < BLOCK_RAYS; lane++)
         lanes |= (uint32_t)(hits->object[lane] == watched) << lane;
@@ -114,7 +114,7 @@ uint32_t find_hits(const FrameState *state, RayBlock *rays, HitBlock *hits,
     intersect_content(state, rays, hits, content);
     if (content->object == OBJECT_NONE)
         return 0;
-    if (!state->frame->watched_object || !may_blend(state, content))
+    if (!find_watched(state) || !may_blend(state, content))
         return watch_object(state, rays, hits);
     /* It is seen through all that blends. */
     RayBlock through = *rays;
@@ -586,7 +586,7 @@ static void add_row_block(const FrameState *state, int tile, int row, const RayB
                  measures_fog(state) ? clear : NULL);
     if (measures_fog(state))
         add_row(row, rays->active, clear, &result->clear);
-    if (state->frame->watched_object) {
+    if (find_watched(state)) {
         float shadowed[3][BLOCK_RAYS], lit[3][BLOCK_RAYS];
         find_unwatched(state, source, watched, content, radiance, &lost, shadowed, lit);
         add_row(row, rays->active, shadowed, &result->unwatched.sums);
