@@ -15,7 +15,9 @@ from catoptra_protocol.optics.image_plane import compute_image_scale
 from catoptra_protocol.optics.mirrors import SphericalMirror
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
+from catoptra_server.effects import EffectChange, Threshold
 from catoptra_server.effects.bounds.coordinate_rounding import CoordinateErrors
+from catoptra_server.effects.effect_plan import EffectPlan
 from catoptra_server.frames.frame_plan import CameraPlan, ErrorBoundTable, FramePlanner
 from catoptra_server.frames.plan.camera import OmniCameraSpec, PerspectiveCameraSpec
 from catoptra_server.frames.plan.error_bound import SceneDisplacement, error_bound
@@ -23,7 +25,7 @@ from catoptra_server.frames.plan.planner import RenderPlanner
 from catoptra_server.frames.plan.plans import PerspectivePlan, PlanChoice, plan_from_settings
 from catoptra_server.render.renderer import AccuracyTarget, RenderedImage, RenderSettings
 from catoptra_server.render.renderer_kind import RendererKind
-from catoptra_server.world.objects import CameraState
+from catoptra_server.world.objects import CameraState, Shutter
 from catoptra_server.world.scene_mesh import build_scene
 from helpers.invented_costs import make_pool, measure_per_sample
 from helpers.mirror_checks import make_camera
@@ -324,6 +326,35 @@ def test_neighbours_of_a_plan_have_the_bound_of_the_frame_s_place() -> None:
             < choice.bound.outline_error_px
             < choice.faster.error_bound_px
         )
+
+
+@pytest.mark.parametrize(
+    ("change", "later_s", "x_m", "shutter", "is_held"),
+    [
+        (8.1, 0.5, 0.3, None, True),
+        (8.0, 0.5, 0.3, None, False),
+        (8.1, 0.6, 0.3, None, False),
+        (8.1, 0.5, 0.4, None, False),
+        (8.1, 0.5, 0.3, Shutter(0.01, 0.0, 0.0), False),
+    ],
+)
+def test_change_that_is_large_is_held_for_a_moment_near_its_place(
+    change: float, later_s: float, x_m: float, shutter: Shutter | None, is_held: bool
+) -> None:
+    spec = make_spec()
+    plan = CameraPlan(spec, choose(2).plan)
+    effects = EffectPlan(thresholds={"Shadows": Threshold(1.0), "Vignetting": Threshold(1.0)})
+    state = CameraState(Pose.identity())
+    measured = {"Shadows": EffectChange(change), "Vignetting": EffectChange(2.0)}
+    assert plan.hold_changes(effects, state, 3.0) is effects
+    assert plan.add_held(effects, state, measured, 3.0) == measured
+    moved = replace(state, world_from_mirror=Pose(np.eye(3), np.array((x_m, 0.0, 0.0))))
+    held = plan.hold_changes(effects, replace(moved, shutter=shutter), 3.0 + later_s)
+    assert [one.is_known for one in held.thresholds.values()] == [is_held, False]
+    if is_held:
+        changes = plan.add_held(held, moved, {"Vignetting": EffectChange(2.1)}, 3.0 + later_s)
+        assert changes["Shadows"] == EffectChange(change, is_earlier=True)
+        assert changes["Vignetting"] == EffectChange(2.1)
 
 
 def test_lens_has_no_bounds() -> None:

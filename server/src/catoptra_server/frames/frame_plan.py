@@ -184,7 +184,11 @@ class CameraPlan:
             if isinstance(camera, OmniCameraSpec)
             else 0.0
         )
-        self.recent: tuple[float, Pose, Mapping[str, EffectChange]] = (-math.inf, Pose.identity(), {})
+        self.recent: tuple[float, Pose, Mapping[str, EffectChange]] = (
+            -math.inf,
+            Pose.identity(),
+            {},
+        )
         """Time, camera's pose and changes of the last frame that measured these."""
         self.status = _BudgetStatus.WITHIN_BUDGET
         self.is_unreachable = False
@@ -234,15 +238,18 @@ class CameraPlan:
         return replace(effects, thresholds={**effects.thresholds, **held})
 
     def add_held(
-        self, frame_plan: FramePlan, changes: Mapping[str, EffectChange], now_s: float
+        self,
+        effects: EffectPlan,
+        state: CameraState,
+        changes: Mapping[str, EffectChange],
+        now_s: float,
     ) -> Mapping[str, EffectChange]:
         """Changes that a frame measured, with those that are held."""
-        thresholds = frame_plan.effects.thresholds
-        held = [name for name, one in thresholds.items() if one.is_known]
+        held = [name for name, one in effects.thresholds.items() if one.is_known]
         if held:
             return {**changes, **{name: self.recent[2][name] for name in held}}
         earlier = {name: replace(one, is_earlier=True) for name, one in changes.items()}
-        self.recent = now_s, frame_plan.camera_state.world_from_mirror, earlier
+        self.recent = now_s, state.world_from_mirror, earlier
         return changes
 
     def bound_frame(self, scene: SceneDisplacements) -> None:
@@ -363,7 +370,8 @@ class FramePlanner:
             self._record_time(camera_plan, frame_ms, image.stage_ms)
         if not frame_plan.effects.decisions:
             return ()
-        changes = camera_plan.add_held(frame_plan, image.changes, self._clock())
+        effects, state = frame_plan.effects, frame_plan.camera_state
+        changes = camera_plan.add_held(effects, state, image.changes, self._clock())
         decisions = frame_plan.conclude(changes)
         # Once whole: bounds move with every pose, and viewers and `explain` show the present ones.
         if not camera_plan.decisions:
