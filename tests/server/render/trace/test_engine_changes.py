@@ -218,6 +218,25 @@ def test_change_by_the_self_view_behind_a_surface_that_blends_is_counted(
     assert change.largest == pytest.approx(levels.max(), abs=0.02)
 
 
+def test_picture_is_the_same_where_measures_may_end(engine: EngineName) -> None:
+    body = place_cube(0.05, 0.03, -0.5)
+    world = make_world(floor_item(), *BOXES, lights=LIGHTS["both"])
+    state = replace(STATE, objects=(body,), ego_body=body)
+    may_end = {name: replace(one, may_end=True) for name, one in REQUEST.thresholds.items()}
+    with open_engine(engine, world) as opened:
+        rays = opened.prepare(TABLES["4 samples"])
+        measured = rays.render(state, REQUEST)
+        frame = rays.render(state, replace(REQUEST, thresholds=may_end))
+    np.testing.assert_array_equal(frame.image, measured.image)
+    assert set(frame.changes) == set(measured.changes)
+    for name, change in frame.changes.items():
+        threshold = REQUEST.thresholds[name]
+        assert threshold.covers(change) == threshold.covers(measured.changes[name])
+        assert not change.is_partial or change.largest <= measured.changes[name].largest
+    ended = {name for name, one in frame.changes.items() if one.is_partial}
+    assert ended == (set() if engine != "kernel" else {"Shadows", "SelfView"})
+
+
 def test_change_by_the_self_view_beside_shadows_that_nobody_measures_has_no_number(
     engine: EngineName,
 ) -> None:
