@@ -16,6 +16,7 @@ from catoptra_studies.effects.decision_report import (
 ON = TrialDecision(
     world="field",
     place=0,
+    condition="day",
     motion="at rest",
     effect="Bayer",
     enabled=True,

@@ -448,24 +448,68 @@ static Cell clip_window(const ImageJob *job, int top, int left, int bottom, int 
 
 static int round_up(int value, int step) { return (value + step - 1) / step * step; }
 
-/* Largest change between two lights behind a stage, of a window of the picture, in a part of it. */
-static float compare_lights(const ImageStage *stage, const float *near, const float *far,
-                            const Cell *window, const Cell *part) {
+/* The sensor behind a lens: the stages up to one, of which factors by pixel are known. */
+typedef struct {
+    const ImageStage *first, *end;
+    ImageStage rest; /* gains of what follows, and spill */
+} Sensor;
+
+/* Stages behind a lens whose factors are known. What covers leaves less of a difference, and more
+ * light. Where light of a well may spill, factors end before it. */
+static Sensor find_sensor(const ImageJob *job, int lens, int may_spill) {
+    const ImageStage *end = job->stages + job->num_stages;
+    Sensor sensor = {job->stages + lens, job->stages + lens, job->stages[lens - 1]};
+    for (; sensor.end < end; sensor.end++) {
+        int kind = sensor.end->kind;
+        if (kind != STAGE_GAIN && kind != STAGE_COVER && kind != STAGE_PATTERN &&
+            (kind != STAGE_BLOOM || may_spill))
+            break;
+        sensor.rest.least_gain = sensor.end->least_gain;
+        sensor.rest.largest_gain = sensor.end->largest_gain;
+        memcpy(sensor.rest.spill, sensor.end->spill, sizeof sensor.rest.spill);
+    }
+    return sensor;
+}
+
+static float apply_sensor(const ImageJob *job, const Sensor *sensor, size_t pixel, int channel,
+                          float light) {
+    size_t pixels = (size_t)job->width * (size_t)job->height;
+    for (const ImageStage *stage = sensor->first; stage < sensor->end; stage++) {
+        const float *factors = stage->maps[0], *offsets = stage->maps[1];
+        if (stage->kind == STAGE_GAIN)
+            light *= factors ? factors[pixel] : stage->numbers[channel];
+        if (stage->kind == STAGE_PATTERN) {
+            size_t at = (size_t)channel * pixels + pixel;
+            light = light * factors[at] + offsets[at];
+        }
+    }
+    return light;
+}
+
+/* Largest change of a part of the picture between two lights behind a lens, of a window; before a
+ * mosaic of the colours that it keeps. */
+static float compare_lights(const ImageJob *job, const Sensor *sensor, const float *near,
+                            const float *far, const Cell *window, const Cell *part) {
     ChangeMeasure found = {.maps = {0}};
-    int right = part->left + part->columns;
+    int right = part->left + part->columns, is_kept = is_before_mosaic(job, sensor->first - 1);
     for (int row = part->top; row < part->top + part->rows; row++)
         for (int column = part->left; column < right; column += CELL_COLUMNS) {
             int count = right - column < CELL_COLUMNS ? right - column : CELL_COLUMNS;
             size_t first = (size_t)(row - window->top) * (size_t)window->columns +
                            (size_t)(column - window->left);
+            size_t pixel = (size_t)row * (size_t)job->width + (size_t)column;
             CellValues one = {.planes = 3}, other = {.planes = 3};
             for (int x = 0; x < count; x++)
                 for (int channel = 0; channel < 3; channel++) {
-                    size_t at = 3 * (first + (size_t)x) + (size_t)channel;
-                    one.values[channel][0][x] = near[at];
-                    other.values[channel][0][x] = far[at];
+                    /* Red, green; green, blue. */
+                    if (is_kept && channel != (row & 1) + ((column + x) & 1))
+                        continue;
+                    size_t at = 3 * (first + (size_t)x) + (size_t)channel, place = pixel + (size_t)x;
+                    one.values[channel][0][x] = apply_sensor(job, sensor, place, channel, near[at]);
+                    other.values[channel][0][x] = apply_sensor(job, sensor, place, channel, far[at]);
                 }
-            measure_change(stage, &found, &other, &one, &(Cell){.rows = 1, .columns = count});
+            measure_change(&sensor->rest, &found, &other, &one,
+                           &(Cell){.rows = 1, .columns = count});
         }
     return read_largest(&found);
 }
@@ -512,7 +556,11 @@ static float measure_behind_lens(const ImageJob *job, const Lens *lens, int top,
         lay_out_pass(&small, memory, &pass);
         run_passes(NULL, &small, &pass);
     }
-    float largest = compare_lights(job->stages + lens->count - 1, near, far, &window, &changed);
+    float high = 0.0f;
+    for (size_t i = 0; i < 3 * pixels; i++)
+        high = fmaxf(high, fmaxf(near[i], far[i]));
+    Sensor sensor = find_sensor(job, lens->count, stages[lens->count - 1].spill[0] * high > 1.0f);
+    float largest = compare_lights(job, &sensor, near, far, &window, &changed);
     free(memory);
     return largest;
 }
