@@ -269,9 +269,7 @@ class _TrialWorld:
         number = (place.number + place.number // len(CONDITIONS)) % len(CONDITIONS)
         condition, settings = tuple(CONDITIONS)[number], self._settings[number]
         spec = OmniCameraSpec(self._omni.camera, self._omni.render_settings, settings)
-        effects = tuple(
-            one.effect for one in settings.settings if one.mode is not EffectMode.NEVER
-        )
+        effects = tuple(one.effect for one in settings.settings if one.mode is not EffectMode.NEVER)
         for motion, velocity in MOTIONS.items():
             state = build_camera_state(self._robot, self._omni, place.pose, velocity)
             state = replace(state, noise_seed=NoiseSeed(_CAMERA_KEY, place.number))
