@@ -1,9 +1,9 @@
 """The decision experiment: every effect's decision against the truth, in many situations.
 
 Bundled worlds, places drawn by seed, motions of the shipped robot, the shipped real camera with its
-thresholds, in the light, air and with the sensors of CONDITIONS. Places are cells of a grid that the
-robot's base can reach from a start of the world without a contact, at any heading: half of them
-close to an obstacle, half in the open.
+thresholds, in the light, in the air and with the sensors of CONDITIONS. Places are cells of a grid
+that the robot's base can reach from a start of the world without a contact, at any heading: half of
+them close to an obstacle, half in the open.
 
 The server's own view cache decides. The truth is measured with other rays and references
 (`effect_truth`), which know only the names of the effects that are drawn, since each decision is
