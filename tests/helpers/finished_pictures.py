@@ -75,7 +75,8 @@ def draw_pair(
     exposure: float = 1.0,
     renderer: str = "trace",
     velocity: PlanarVelocity = DRIVING,
-    without: str = "",
+    toggled: str = "",
+    has_all: bool = False,
 ) -> tuple[RenderedView, RenderedView]:
     """Pictures with effects by their criteria, and with all of them or without one; no noise.
 
@@ -87,20 +88,33 @@ def draw_pair(
         exposure: Times that of daylight.
         renderer: `trace` or `raster`.
         velocity: Motion of the robot.
-        without: Effect that the second picture has not, all others as in the first.
+        toggled: Effect that the second picture has where the criteria leave it out, and the other
+            way round; all others, and all of the first picture, are forced to what they decide.
+        has_all: Whether effects that the file has in mode never have their criterion, too.
     """
     with _open_camera(world, factor / exposure, factor, width_px, max_gain, renderer) as camera:
         state = camera.place(velocity)
-        first = camera.draw(camera.settings, state)
-        if not without:
-            others = (_force(one, EffectMode.ALWAYS) for one in camera.settings)
-        else:
-            on = {one.effect for one in first.effect_decisions if one.enabled} - {without}
-            others = (
-                _force(one, EffectMode.ALWAYS if one.effect.name in on else EffectMode.NEVER)
-                for one in camera.settings
-            )
-        return first, camera.draw(tuple(others), state)
+        settings = tuple(
+            replace(one, mode=EffectMode.AUTO)
+            if has_all and one.effect.name not in _RANDOM
+            else one
+            for one in camera.settings
+        )
+        first = camera.draw(settings, state)
+        if not toggled:
+            others = tuple(_force(one, EffectMode.ALWAYS) for one in settings)
+            return first, camera.draw(others, state)
+        on = {one.effect for one in first.effect_decisions if one.enabled}
+        plain, other = (
+            camera.draw(_force_to(settings, names), state) for names in (on, on ^ {toggled})
+        )
+        return replace(first, image=plain.image), other
+
+
+def _force_to(settings: tuple[EffectSetting, ...], on: set[str]) -> tuple[EffectSetting, ...]:
+    """Settings with some effects everywhere, and without all others."""
+    modes = (EffectMode.NEVER, EffectMode.ALWAYS)
+    return tuple(replace(one, mode=modes[one.effect.name in on]) for one in settings)
 
 
 def draw_path(world: str, distances_m: Sequence[float]) -> list[tuple[EffectDecision, ...]]:

@@ -12,6 +12,7 @@ from catoptra_server.config.known_names import bundled_files, find_configuration
 from catoptra_server.config.startup import StartupConfig, read_startup_config
 from catoptra_server.effects import EFFECT_TYPES
 from catoptra_studies.effects.decision_experiment import (
+    CONDITIONS,
     MOTIONS,
     WORLDS,
     DecisionStudy,
@@ -29,13 +30,17 @@ def load_world(name: str) -> StartupConfig:
     return read_startup_config([robot], find_configuration("worlds", name))
 
 
-def test_worlds_are_all_bundled_plain_ones() -> None:
-    paths = bundled_files("worlds")
-    # Furnished ones take minutes to bake; their plain worlds are tried.
-    assert WORLDS == tuple(one.stem for one in paths if "Scenery=" not in one.read_text())
+BUNDLED = {one.stem: "Scenery=" in one.read_text() for one in bundled_files("worlds")}
 
 
-@pytest.mark.parametrize("world", WORLDS)
+def test_worlds_are_all_bundled_ones() -> None:
+    assert tuple(BUNDLED) == WORLDS
+
+
+# Furnished ones take minutes to bake.
+@pytest.mark.parametrize(
+    "world", [name for name, is_furnished in BUNDLED.items() if not is_furnished]
+)
 def test_half_of_the_places_of_each_world_are_near_obstacles(world: str) -> None:
     places = choose_places(world, load_world(world), 40, seed=0)
     assert len(places) == 40
@@ -91,6 +96,24 @@ def test_place_has_all_motions_and_all_effects_that_are_not_switched_off() -> No
     assert len(names) >= 20
     assert "AutoExposure" not in names
     assert decisions == run_decision_study(study), "a trial repeats itself"
+
+
+def test_all_effects_and_both_kinds_of_places_are_tried_in_all_conditions() -> None:
+    study = DecisionStudy(12, worlds=("four_legged_2006",), width_px=32, num_processes=1)
+    decisions = run_decision_study(study)
+    assert {one.effect for one in decisions} == set(EFFECT_TYPES) - {"Defocus"}
+    parities = {(one.condition, one.place % 2) for one in decisions}
+    assert parities == {(name, parity) for name in CONDITIONS for parity in (0, 1)}
+
+
+def test_truth_of_a_world_s_own_light_is_that_without_it() -> None:
+    decisions = run_decision_study(
+        DecisionStudy(1, worlds=("meadow", "warehouse"), width_px=64, num_processes=1)
+    )
+    truths = {(one.world, one.effect): one.truth for one in decisions if one.motion == "at rest"}
+    assert truths["meadow", "SkyRadiance"] > 10.0
+    assert truths["warehouse", "SkyRadiance"] == truths["meadow", "BakedLight"] == 0.0
+    assert truths["warehouse", "BakedLight"] > 10.0
 
 
 def test_truth_of_motion_follows_the_motion() -> None:

@@ -16,6 +16,7 @@ from catoptra_studies.effects.decision_report import (
 ON = TrialDecision(
     world="field",
     place=0,
+    condition="day",
     motion="at rest",
     effect="Bayer",
     enabled=True,
@@ -53,7 +54,7 @@ def test_right_decisions_meet_all_criteria() -> None:
     first = report.scores[0]
     assert (first.effect, first.num_truth_on, first.num_on, first.agreement) == ("Bayer", 50, 50, 1)
     assert (first.num_proved_off, first.num_measured) == (50, 50)
-    assert "1 of 5 decisions vary." in str(report)
+    assert "1 of 5 decisions vary; at the same light, air and sensor 1: Bayer." in str(report)
     assert "All criteria are met." in str(report)
 
 
@@ -96,6 +97,13 @@ def test_failures_are_named(
     groups: list[tuple[TrialDecision, int]], failures: tuple[str, ...]
 ) -> None:
     assert evaluate(*groups).failures == failures
+
+
+def test_decision_that_light_alone_changes_varies_within_no_condition() -> None:
+    report = evaluate((ON, 450), (replace(OFF, condition="night"), 450))
+    assert (report.varying, report.varying_alike) == (("Bayer",), ())
+    # A whole experiment has at least ten.
+    assert report.failures == ("only 1 decisions vary",)
 
 
 def test_too_few_measured_decisions_are_a_failure() -> None:

@@ -1,8 +1,9 @@
 """The decision experiment: every effect's decision against the truth, in many situations.
 
 Bundled worlds, places drawn by seed, motions of the shipped robot, the shipped real camera with its
-thresholds. Places are cells of a grid that the robot's base can reach from a start of the world
-without a contact, at any heading: half of them close to an obstacle, half in the open.
+thresholds, in the light, in the air and with the sensors of CONDITIONS. Places are cells of a grid
+that the robot's base can reach from a start of the world without a contact, at any heading: half of
+them close to an obstacle, half in the open.
 
 The server's own view cache decides. The truth is measured with other rays and references
 (`effect_truth`), which know only the names of the effects that are drawn, since each decision is
@@ -26,7 +27,13 @@ from catoptra_protocol.optics.omni_camera import camera_with_inscribed_rim
 from catoptra_server.commands.explain import ZERO_VELOCITY, PlanarVelocity, build_camera_state
 from catoptra_server.config.known_names import find_configuration
 from catoptra_server.config.startup import StartupConfig, read_startup_config
-from catoptra_server.effects import DecisionBasis, Effect, EffectMode
+from catoptra_server.effects import (
+    DecisionBasis,
+    EffectMode,
+    EffectSetting,
+    EffectSettings,
+    widest_gains,
+)
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import EffectDecision
 from catoptra_server.frames.frame import ViewRequest
@@ -51,10 +58,15 @@ WORLDS = (
     "corridors_and_rooms",
     "four_legged_2006",
     "incidence_rings",
+    "laboratory",
     "legacy",
     "meadow",
+    "offices",
     "rescue",
+    "rescue_site",
     "warehouse",
+    "warehouse_stocked",
+    "yard",
 )
 # Speeds of a P2AT: a metre a second is beyond the wheels.
 MOTIONS: Mapping[str, PlanarVelocity] = {
@@ -62,6 +74,28 @@ MOTIONS: Mapping[str, PlanarVelocity] = {
     "slow": PlanarVelocity(0.05, 0.0, 0.02),
     "driving": PlanarVelocity(0.6, 0.0, 0.1),
     "turning": PlanarVelocity(0.2, 0.0, 1.2),
+}
+_BY_DAY_S = 1.0 / 60.0
+# Light, air and sensor of a place: parameters by effect over those of the robot's file. Effects
+# named here are in mode auto; those that the file has in mode never stay so elsewhere. Light
+# changes by the time that fills a white pixel's well.
+CONDITIONS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
+    "day": {},
+    "noon": {"Exposure": {"white_exposure_s": _BY_DAY_S / 4.0}, "Response": {}},
+    "night": {"Exposure": {"white_exposure_s": _BY_DAY_S * 25.0}},
+    "night, automatic": {
+        "Exposure": {"white_exposure_s": _BY_DAY_S * 25.0},
+        "AutoExposure": {},
+    },
+    # A CMOS sensor behind a glass tube, white balance as of a lamp.
+    "webcam": {
+        "RollingShutter": {"readout_s": 1.0 / 30.0},
+        "MirrorHolder": {},
+        "VeilingGlare": {},
+        "AutoExposure": {},
+        "WhiteBalance": {"red_gain": 1.05, "blue_gain": 1.2},
+    },
+    "haze": {"Fog": {"density_per_m": 0.02}},
 }
 
 # Fine enough for the corridor's doors, which leave 9 cm on either side of a turning base.
@@ -168,6 +202,7 @@ class TrialDecision:
 
     world: str
     place: int
+    condition: str
     motion: str
     effect: str
     enabled: bool
@@ -219,30 +254,34 @@ class _TrialWorld:
             )
             omni = replace(omni, camera=camera)
         self._robot, self._omni = robot, omni
-        self._spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
-        settings = self._omni.effects.settings
-        self._effects: tuple[Effect, ...] = tuple(
-            one.effect for one in settings if one.mode is not EffectMode.NEVER
-        )
+        self._settings = [_adapt(omni.effects, changes) for changes in CONDITIONS.values()]
         scene, world = self.startup.scene, self.startup.world
         # One thread: the pool's processes share the processors.
-        choice = choose_renderer("trace", scene, world, threads=1)
+        gains = widest_gains(self._settings)
+        choice = choose_renderer("trace", scene, world, threads=1, gains=gains)
         self._views = ViewCache(RenderPlanner(RendererPool(choice)), SceneSummarizer(scene, world))
-        self._truth = _make_truth(self.startup, self._spec)
+        spec = OmniCameraSpec(omni.camera, omni.render_settings, omni.effects)
+        self._truth = _make_truth(self.startup, spec)
 
     def run(self, place: Place) -> Iterator[TrialDecision]:
         """Yield the decisions at a place, in all motions."""
+        # Each condition meets places near obstacles and in the open.
+        number = (place.number + place.number // len(CONDITIONS)) % len(CONDITIONS)
+        condition, settings = tuple(CONDITIONS)[number], self._settings[number]
+        spec = OmniCameraSpec(self._omni.camera, self._omni.render_settings, settings)
+        effects = tuple(one.effect for one in settings.settings if one.mode is not EffectMode.NEVER)
         for motion, velocity in MOTIONS.items():
             state = build_camera_state(self._robot, self._omni, place.pose, velocity)
             state = replace(state, noise_seed=NoiseSeed(_CAMERA_KEY, place.number))
-            decisions = self._views.render(ViewRequest(self._spec, state)).effect_decisions
+            decisions = self._views.render(ViewRequest(spec, state)).effect_decisions
             drawn = frozenset(one.effect for one in decisions if one.enabled or _follows_frame(one))
-            truths = self._truth.measure(state, self._effects, drawn)
+            truths = self._truth.measure(state, effects, drawn)
             for one in decisions:
                 if one.effect in truths:
                     yield TrialDecision(
                         self._name,
                         place.number,
+                        condition,
                         motion,
                         one.effect,
                         one.enabled,
@@ -259,6 +298,17 @@ class _TrialWorld:
     def close(self) -> None:
         """Free the renderers."""
         self._views.close()
+
+
+def _adapt(settings: EffectSettings, changes: Mapping[str, Mapping[str, float]]) -> EffectSettings:
+    """Settings with parameters of a condition."""
+    adapted = tuple(
+        EffectSetting(replace(one.effect, **changes[one.effect.name]), EffectMode.AUTO)  # type: ignore[type-var]
+        if one.effect.name in changes
+        else one
+        for one in settings.settings
+    )
+    return replace(settings, settings=adapted)
 
 
 def _follows_frame(decision: EffectDecision) -> bool:

@@ -6,7 +6,8 @@
 | wrongly off  | truth on, decision off: must not occur                                       |
 | needless on  | decision on, truth below half of both thresholds                             |
 | agreement    | situations in which decision and truth are both on or both off               |
-| vary         | effects that are on in some situations and off in others                     |
+| vary         | effects that are on in some situations and off in others; within a condition |
+|              | also at the same light, air and sensor                                       |
 """
 
 from __future__ import annotations
@@ -16,12 +17,15 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from catoptra_server.effects import EFFECT_TYPES
 from catoptra_studies.effects.decision_experiment import TrialDecision
 
 _MAX_NEEDLESS_FRACTION = 0.03
 _MIN_AGREEMENT = 0.97
 # Of the whole experiment; fewer situations have to have as many in proportion.
 _MIN_MEASURED_PER_SITUATION = 3000 / 960
+# Of the whole experiment alone: few situations are alike.
+_MIN_VARYING, _WHOLE = 10, 900
 # A renderer computes the change from 32-bit light and a fast encoding, the truth from 64 bits.
 _TOLERANCE_GREY_LEVELS = 0.02
 # Of pixels that change by half a level within that tolerance.
@@ -65,6 +69,10 @@ class DecisionReport:
     scores: tuple[_EffectScore, ...]
     """In optical order."""
     num_situations: int
+    varying: tuple[str, ...]
+    """Effects that are on in some situations and off in others."""
+    varying_alike: tuple[str, ...]
+    """Those of them that do so within one condition."""
     failures: tuple[str, ...]
     """What falls short, in words; empty if nothing does."""
 
@@ -76,8 +84,11 @@ class DecisionReport:
             for one in (*self.scores, self._total())
         ]
         line = "|---|" + "---|" * 8
-        varying = sum(0 < one.num_on < one.num_situations for one in self.scores)
-        counts = f"{varying} of {len(self.scores)} decisions vary."
+        alike = ", ".join(self.varying_alike) or "none"
+        counts = (
+            f"{len(self.varying)} of {len(self.scores)} decisions vary; at the same light, air and "
+            f"sensor {len(self.varying_alike)}: {alike}."
+        )
         verdict = [f"* falls short: {text}" for text in self.failures] or ["All criteria are met."]
         return "\n".join((_HEAD, line, *rows, "", counts, "", *verdict))
 
@@ -86,17 +97,26 @@ class DecisionReport:
         return _EffectScore("all", *sums)
 
 
+_ORDER = {name: number for number, name in enumerate(EFFECT_TYPES)}
 _COUNTS = tuple(name for name in _EffectScore.__dataclass_fields__ if name != "effect")
 
 
 def evaluate_decisions(decisions: Sequence[TrialDecision]) -> DecisionReport:
     """Score the decisions of an experiment."""
     by_effect: dict[str, list[TrialDecision]] = {}
-    for one in decisions:
+    for one in sorted(decisions, key=lambda one: _ORDER.get(one.effect, len(_ORDER))):
         by_effect.setdefault(one.effect, []).append(one)
     scores = tuple(_score(effect, own) for effect, own in by_effect.items())
     num_situations = len({(one.world, one.place, one.motion) for one in decisions})
-    return DecisionReport(scores, num_situations, tuple(_find_failures(scores, num_situations)))
+    states = {(one.effect, "", one.enabled) for one in decisions}
+    states |= {(one.effect, one.condition, one.enabled) for one in decisions}
+    varied = {name for name in states if (*name[:2], not name[2]) in states}
+    varying = tuple(one for one in by_effect if (one, "", True) in varied)
+    alike = tuple(one for one in varying if any(n == one and c for n, c, _ in varied))
+    failures = _find_failures(scores, num_situations)
+    if num_situations >= _WHOLE and len(varying) < _MIN_VARYING:
+        failures.append(f"only {len(varying)} decisions vary")
+    return DecisionReport(scores, num_situations, varying, alike, tuple(failures))
 
 
 def _is_wrongly_off(one: TrialDecision) -> bool:

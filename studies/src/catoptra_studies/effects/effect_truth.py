@@ -20,6 +20,7 @@ from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_server.effects import (
     VISIBLE_LEVELS,
+    WORLD_EFFECTS,
     CaptureContext,
     Effect,
     EffectChange,
@@ -105,13 +106,17 @@ class EffectTruth:
     ) -> tuple[dict[str, EffectChange], CameraState, _Opening]:
         """Changes by scene effects, and the state and times with all drawn ones."""
         truths, opening = {}, _Opening()
+        of_world = [WORLD_EFFECTS[one.name] for one in effects if one.name in WORLD_EFFECTS]
+        state = replace(state, **dict.fromkeys(of_world, False))
         later = _drawn_images(effects, drawn)
         context = self._make_context(state, later)
         for effect in effects:
             if not is_scene_effect(effect):
                 continue
             changed, changed_opening = state, opening
-            if isinstance(effect, SelfView):
+            if effect.name in WORLD_EFFECTS:
+                changed = replace(state, **{WORLD_EFFECTS[effect.name]: True})
+            elif isinstance(effect, SelfView):
                 if state.ego_body is not None:
                     changed = replace(state, objects=(*state.objects, state.ego_body))
             elif isinstance(effect, Shadows):

@@ -37,9 +37,10 @@ from catoptra_studies.experiment.experiment_setups import SIM
 from catoptra_studies.reports import replace_block
 
 _PARTS = ("pages", "decisions", "sweeps")
-# Places in each of the eight worlds, in four motions each: 1280 situations.
-_NUM_PLACES = 40
-_NUM_QUICK_PLACES = 5
+# Places in each of the 14 worlds, three or one for each condition, in four motions each: 1 008
+# situations.
+_NUM_PLACES = 18
+_NUM_QUICK_PLACES = 6
 # Two thirds of the experiment's: a sweep trains for each of fifty levels anew.
 _NUM_TRAINING_FRAMES = 20
 _SWEEP_SLUGS = [sweep.slug for sweep in SWEEPS]
@@ -148,6 +149,6 @@ def _make_parser() -> CommandParser:
     add("--places", type=parse_count, metavar="N",
         help="places in each world at which decisions are compared "
         f"(default: {_NUM_PLACES}, or {_NUM_QUICK_PLACES} with --quick)")  # fmt: skip
-    add("--quick", action="store_true", help="one drive for each level, five places in each world")
+    add("--quick", action="store_true", help="one drive for each level, six places in each world")
     add("--seed", type=parse_integer, default=0, metavar="N", help="seed of all random numbers")
     return parser

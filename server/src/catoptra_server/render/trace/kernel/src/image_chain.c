@@ -19,8 +19,8 @@
 
 /* Least border beside: whole vectors are read at most one beyond the image's edge. */
 enum { MIN_BORDER = 2 * CELL_COLUMNS, ALIGNMENT = 64 };
-/* Stages that spread light in a row, before any other. */
-enum { MAX_LENS = 6 };
+/* Stages that a change is followed through. */
+enum { MAX_LENS = 10 };
 
 typedef struct {
     const Pass *pass;
@@ -394,7 +394,7 @@ static void *crop_planes(const ImageJob *job, const Cell *window, const void *ma
     return begin;
 }
 
-/* A stage of a lens in a window of the picture, drawn everywhere. */
+/* A stage in a window of the picture, drawn everywhere. */
 static ImageStage crop_stage(const ImageJob *job, const Cell *window, const ImageStage *whole,
                              char **memory) {
     ImageStage stage = *whole;
@@ -402,6 +402,10 @@ static ImageStage crop_stage(const ImageJob *job, const Cell *window, const Imag
     stage.limits.max_change = -1.0f;
     for (int i = 0; stage.kind == STAGE_WARP && i < 3; i++)
         maps[i] = crop_planes(job, window, maps[i], 1, memory);
+    if (stage.kind == STAGE_GAIN && maps[0])
+        maps[0] = crop_planes(job, window, maps[0], 1, memory);
+    for (int i = 0; stage.kind == STAGE_PATTERN && i < 2; i++)
+        maps[i] = crop_planes(job, window, maps[i], 3, memory);
     if (stage.kind == STAGE_MAGNIFY) {
         maps[0] = crop((const float *)maps[0] + window->left, sizeof(float) * (size_t)job->width, 2,
                        sizeof(float) * (size_t)window->columns, memory);
@@ -423,18 +427,26 @@ static ImageStage crop_stage(const ImageJob *job, const Cell *window, const Imag
     return stage;
 }
 
-/* A lens's stages, from the first one on, and how far they spread light. */
+/* Stages of which a window of the picture is enough, from the first one on, and how far they spread
+ * light. */
 typedef struct {
+    const ImageStage *stages[MAX_LENS];
     int count, reach;
 } Lens;
 
-static Lens find_lens(const ImageJob *job) {
-    Lens lens = {1, 0};
-    for (; lens.count < job->num_stages; lens.count++) {
-        const ImageStage *stage = job->stages + lens.count;
-        if (stage->kind < STAGE_BLUR || stage->kind > STAGE_MAGNIFY)
+/* Of lens and sensor. What covers is left out: it takes of a difference, and adds light. So is the
+ * overflow of wells that are not full. */
+static Lens find_lens(const ImageJob *job, int may_spill) {
+    Lens lens = {.count = 0};
+    for (int i = 0; i < job->num_stages && lens.count < MAX_LENS; i++) {
+        const ImageStage *stage = job->stages + i;
+        int kind = stage->kind, spreads = kind >= STAGE_BLUR && kind <= STAGE_MAGNIFY;
+        if (kind == STAGE_COVER || (kind == STAGE_BLOOM && !may_spill))
+            continue;
+        if (!spreads && kind != STAGE_GAIN && kind != STAGE_PATTERN && kind != STAGE_BLOOM)
             break;
-        lens.reach += stage->size;
+        lens.stages[lens.count++] = stage;
+        lens.reach += spreads || kind == STAGE_BLOOM ? stage->size : 0;
     }
     return lens;
 }
@@ -448,11 +460,12 @@ static Cell clip_window(const ImageJob *job, int top, int left, int bottom, int 
 
 static int round_up(int value, int step) { return (value + step - 1) / step * step; }
 
-/* Largest change between two lights behind a stage, of a window of the picture, in a part of it. */
-static float compare_lights(const ImageStage *stage, const float *near, const float *far,
-                            const Cell *window, const Cell *part) {
+/* Largest change between two lights behind a stage, of a window of the picture, in a part of it;
+ * before a mosaic of the colours that it keeps. */
+static float compare_lights(const ImageJob *job, const ImageStage *stage, const float *near,
+                            const float *far, const Cell *window, const Cell *part) {
     ChangeMeasure found = {.maps = {0}};
-    int right = part->left + part->columns;
+    int right = part->left + part->columns, is_kept = is_before_mosaic(job, stage);
     for (int row = part->top; row < part->top + part->rows; row++)
         for (int column = part->left; column < right; column += CELL_COLUMNS) {
             int count = right - column < CELL_COLUMNS ? right - column : CELL_COLUMNS;
@@ -461,6 +474,9 @@ static float compare_lights(const ImageStage *stage, const float *near, const fl
             CellValues one = {.planes = 3}, other = {.planes = 3};
             for (int x = 0; x < count; x++)
                 for (int channel = 0; channel < 3; channel++) {
+                    /* Red, green; green, blue. */
+                    if (is_kept && channel != (row & 1) + ((column + x) & 1))
+                        continue;
                     size_t at = 3 * (first + (size_t)x) + (size_t)channel;
                     one.values[channel][0][x] = near[at];
                     other.values[channel][0][x] = far[at];
@@ -470,23 +486,48 @@ static float compare_lights(const ImageStage *stage, const float *near, const fl
     return read_largest(&found);
 }
 
-/* Largest change, behind a lens, by what a first blur by range changes in a cell against the disc
- * of infinity; infinite if memory is short. */
-static float measure_behind_lens(const ImageJob *job, const Lens *lens, int top, int left) {
-    int reach = lens->reach, read = 2 * reach + job->stages[0].size;
+/* Whether any light of a window may reach beyond a well. */
+static int may_overflow(const ImageJob *job, const Cell *window) {
+    float high = 0.0f;
+    for (int row = window->top; row < window->top + window->rows; row++) {
+        const float *light = job->light + 3 * ((size_t)row * (size_t)job->width +
+                                               (size_t)window->left);
+        for (int i = 0; i < 3 * window->columns; i++)
+            high = fmaxf(high, light[i]);
+    }
+    /* Weights of a mean may sum to a little more than 1. */
+    return job->stages->spill[0] * high > 0.9999f;
+}
+
+static Cell place_window(const ImageJob *job, const Lens *lens, int top, int left) {
+    int read = 2 * lens->reach + job->stages->size;
     int rows = round_up(read, CELL_ROWS), columns = round_up(read, CELL_COLUMNS);
-    Cell window = clip_window(job, top - rows, left - columns, top + CELL_ROWS + rows,
-                              left + CELL_COLUMNS + columns);
+    return clip_window(job, top - rows, left - columns, top + CELL_ROWS + rows,
+                       left + CELL_COLUMNS + columns);
+}
+
+/* Largest change, behind lens and sensor, by what a first blur by range changes in a cell against
+ * the disc of infinity; infinite if memory is short. */
+static float measure_behind_lens(const ImageJob *job, float own, int top, int left) {
+    Lens lens = find_lens(job, 1);
+    Cell window = place_window(job, &lens, top, left);
+    if (!may_overflow(job, &window)) {
+        lens = find_lens(job, 0);
+        window = place_window(job, &lens, top, left);
+    }
+    if (lens.count < 2)
+        return own;
+    int reach = lens.reach;
     Cell changed = clip_window(job, top - reach, left - reach, top + CELL_ROWS + reach,
                                left + CELL_COLUMNS + reach);
     size_t pixels = (size_t)window.rows * (size_t)window.columns, size = 0;
     ImageStage stages[MAX_LENS];
-    ImageJob small = {.width = window.columns, .height = window.rows, .num_stages = lens->count,
+    ImageJob small = {.width = window.columns, .height = window.rows, .num_stages = lens.count,
                       .stages = stages};
-    for (int i = 0; i < lens->count; i++) {
-        size_t beside = 2 * (size_t)job->stages[i].size;
-        stages[i] = job->stages[i];
-        size += 5 * sizeof(float) * pixels + ALIGNMENT +
+    for (int i = 0; i < lens.count; i++) {
+        stages[i] = *lens.stages[i];
+        size_t beside = 2 * (size_t)stages[i].size;
+        size += 6 * sizeof(float) * pixels + ALIGNMENT +
                 ((size_t)window.rows + beside) * ((size_t)window.columns + beside + CELL_COLUMNS);
     }
     size_t scratch = (size_t)catoptra_image_scratch(&small), picture = 3 * sizeof(float) * pixels;
@@ -501,8 +542,8 @@ static float measure_behind_lens(const ImageJob *job, const Lens *lens, int top,
                                          (size_t)window.left),
                        3 * sizeof(float) * (size_t)job->width, window.rows,
                        3 * sizeof(float) * (size_t)window.columns, &rest);
-    for (int i = 0; i < lens->count; i++)
-        stages[i] = crop_stage(job, &window, job->stages + i, &rest);
+    for (int i = 0; i < lens.count; i++)
+        stages[i] = crop_stage(job, &window, lens.stages[i], &rest);
     for (int is_far = 0; is_far < 2; is_far++) {
         float *ranges = (float *)stages[0].maps[3];
         Pass pass;
@@ -512,28 +553,26 @@ static float measure_behind_lens(const ImageJob *job, const Lens *lens, int top,
         lay_out_pass(&small, memory, &pass);
         run_passes(NULL, &small, &pass);
     }
-    float largest = compare_lights(job->stages + lens->count - 1, near, far, &window, &changed);
+    float largest = compare_lights(job, lens.stages[lens.count - 1], near, far, &window, &changed);
     free(memory);
     return largest;
 }
 
 /* Decide on the changes that a first stage deferred, the largest ones first, by what is left of
- * them behind the lens, until one is beyond its limit. */
+ * them behind lens and sensor, until one is beyond its limit. */
 static void decide_deferred(const ImageJob *job, const Pass *pass) {
     const ImageStage *stage = job->stages;
     ChangeMeasure *measure = &pass->changes->own;
     int cells = pass->cell_rows * pass->cell_columns;
-    Lens lens = find_lens(job);
     for (;;) {
         int largest = 0;
         for (int cell = 1; cell < cells; cell++)
             largest = stage->deferred[cell] > stage->deferred[largest] ? cell : largest;
-        float own = stage->deferred[largest], left = own;
+        float own = stage->deferred[largest];
         if (!(own > 0.0f))
             return;
-        if (lens.count > 1 && lens.count <= MAX_LENS)
-            left = measure_behind_lens(job, &lens, largest / pass->cell_columns * CELL_ROWS,
-                                       largest % pass->cell_columns * CELL_COLUMNS);
+        float left = measure_behind_lens(job, own, largest / pass->cell_columns * CELL_ROWS,
+                                         largest % pass->cell_columns * CELL_COLUMNS);
         raise_largest(measure, left > stage->limits.max_change ? own : left);
         if (left > stage->limits.max_change)
             return;
