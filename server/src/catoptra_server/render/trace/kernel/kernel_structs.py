@@ -356,6 +356,7 @@ class BakeLamp(ctypes.Structure):
         ("kind", c_int32),
         ("column", c_int32),
         ("area", c_float),
+        ("power", c_float),
         ("corner", c_double * 3),
         ("side_x", c_float * 3),
         ("side_y", c_float * 3),

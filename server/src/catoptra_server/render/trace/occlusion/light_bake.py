@@ -690,6 +690,7 @@ def _lamp_struct(lamp: DirectionalLight | PointLight | RectangleLight, centre: F
     return BakeLamp(
         kind=LIGHT_RECTANGLE,
         area=lamp.size_m[0] * lamp.size_m[1],
+        power=max(lamp.intensity),
         corner=tuple(place - 0.5 * (side_x + side_y)),
         side_x=tuple(side_x),
         side_y=tuple(side_y),

@@ -347,7 +347,8 @@ CATOPTRA_EXPORT void catoptra_cast(const Mesh *mesh, int64_t count, const double
 typedef struct {
     int32_t kind;
     int32_t column;   /* of its light; that of several is their sum */
-    float area;       /* of a rectangle, square metres */
+    float area;       /* of a rectangle, square metres; 0 of all others */
+    float power;      /* of a rectangle, by which rays are shared */
     double corner[3]; /* of a rectangle; place of a point light */
     float side_x[3], side_y[3];
     float normal[3]; /* unit, on which it shines; towards a directional light */
@@ -378,7 +379,8 @@ typedef struct {
     int32_t *backs;          /* (n,) counts rays that meet backs, near nodes of surfaces */
     int32_t num_lamps, num_columns;
     const BakeLamp *lamps;
-    float *light;            /* (n, num_columns) irradiance by lamps of one unit is added */
+    float *light;            /* (n, num_columns) irradiance by lamps of one unit is added; of points and
+                              * directional lights in pass 0 alone */
 } BakeJob;
 
 /* Means of radiance over stored hits. */
