@@ -116,7 +116,7 @@ def _find_surfaces(scene: SceneMesh, threads: int) -> FlatSurfaces:
         device.close()
 
 
-def _choose_layout(scene: SceneMesh, frames: SurfaceFrames) -> tuple[_GridLayout, Bools]:
+def _choose_layout(scene: SceneMesh, frames: SurfaceFrames) -> tuple[GridLayout, Bools]:
     """Finest grids that are not too many nodes, and the nodes near casters."""
     boxes = _enclose_casters(scene.corners[scene.casts_shadows])
     pairs = _find_near_pairs(frames, boxes)
@@ -305,7 +305,7 @@ def _lengths(vectors: Floats) -> Floats:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _GridLayout:
+class GridLayout:
     """Places of m grids in an atlas."""
 
     columns: _Indices
@@ -335,7 +335,7 @@ class _GridLayout:
         return np.stack((self.left, self.top, *last), axis=-1).astype(np.int32)
 
 
-def lay_out(frames: SurfaceFrames, node_distance_m: float) -> _GridLayout:
+def lay_out(frames: SurfaceFrames, node_distance_m: float) -> GridLayout:
     """Grids whose nodes are at most as far apart, packed into an atlas row by row."""
     columns, rows = (
         np.clip(np.ceil(_lengths(side) / node_distance_m) + 1, 2, _MAX_SIDE_NODES).astype(np.int32)
@@ -352,7 +352,7 @@ def lay_out(frames: SurfaceFrames, node_distance_m: float) -> _GridLayout:
             x, y, shelf = 0, y + shelf, 0
         left[number], top[number] = x, y
         x, shelf = x + wide[number], max(shelf, high[number])
-    return _GridLayout(columns, rows, left, top, width, max(y + shelf, BLOCK))
+    return GridLayout(columns, rows, left, top, width, max(y + shelf, BLOCK))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -389,7 +389,7 @@ class _NearPairs:
     boxes: _CasterBoxes
     """The box of each pair."""
 
-    def find_nodes(self, layout: _GridLayout) -> Bools:
+    def find_nodes(self, layout: GridLayout) -> Bools:
         """(h, w) nodes of an atlas that have a box within the radius."""
         x0, x1 = self._find_span(self.frames, layout.columns[self.surface])
         y0, y1 = self._find_span(self.frames.transpose(), layout.rows[self.surface])
@@ -461,7 +461,7 @@ class _Nodes:
     """(k,) set of directions."""
 
 
-def place_nodes(frames: SurfaceFrames, layout: _GridLayout, near: Bools) -> _Nodes:
+def place_nodes(frames: SurfaceFrames, layout: GridLayout, near: Bools) -> _Nodes:
     row, column = np.nonzero(near)
     patch = layout.grid_at()[row, column].astype(np.intp)
     column, row = column - layout.left[patch], row - layout.top[patch]
@@ -564,7 +564,7 @@ def occluder_weights(distances: Floats) -> Floats:
 
 
 def filter_factors(
-    layout: _GridLayout, near: Bools, factors: Floats, inside: Bools
+    layout: GridLayout, near: Bools, factors: Floats, inside: Bools
 ) -> npt.NDArray[np.uint8]:
     """(h, w) atlas of the factors of the nodes that are near casters, in their order; else open.
 
@@ -642,7 +642,7 @@ def _shift(values: Floats, grid: npt.NDArray[np.int32], axis: int, step: int) ->
 
 
 def _without_open_grids(
-    frames: SurfaceFrames, layout: _GridLayout, texels: npt.NDArray[np.uint8]
+    frames: SurfaceFrames, layout: GridLayout, texels: npt.NDArray[np.uint8]
 ) -> OcclusionMap | None:
     """Map of the grids that some factor makes darker."""
     bounds = layout.bounds()

@@ -36,7 +36,7 @@ log = logging.getLogger(__name__)
 # Increased when maps change for the same scene.
 _FORMAT_VERSION = 3
 # The same of baked light.
-_LIGHT_VERSION = 3
+_LIGHT_VERSION = 4
 _LIGHT_ARRAYS = ("brightest", "mean_sky", "error")
 _PROBE_ARRAYS = ("first", "step", "faces")
 _ARRAYS = ("patch_of", "columns_from_world", "rows_from_world", "bounds", "texels")
@@ -92,36 +92,35 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitWorld:
     if stored is not None:
         return apply(stored)
     start = time.perf_counter()
+    passes, rays = light_bake.FIRST_PASSES, light_bake.RAYS_PER_PASS
     try:
-        bake = light_bake.LightBake(scene, world, threads=count_processors())
+        first = light_bake.bake_light(
+            scene, world, passes, threads=count_processors(), detail=light_bake.FIRST_DETAIL
+        )
     except KernelUnavailableError as error:
         log.warning("%s; light is not baked", error)
         return LitWorld(scene, world)
-    for _ in range(light_bake.FIRST_PASSES):
-        bake.cast()
-    first = bake.gather()
-    rays = light_bake.FIRST_PASSES * light_bake.RAYS_PER_PASS
-    stage = f"light by {rays} rays a node, up to {light_bake.MAX_PASSES * light_bake.RAYS_PER_PASS}"
+    stage = f"light by {passes * rays} rays a node, up to {light_bake.MAX_PASSES * rays}"
     log.info("%s baked in %.2f s", stage, time.perf_counter() - start)
 
     def refine(is_stopped: Callable[[], bool]) -> LitWorld:
-        bake.use_calling_thread()
+        # One thread, of the caller's priority: frames have the other processors.
+        bake = light_bake.LightBake(scene, world, threads=1)
+        parts, needed = {"": first}, light_bake.count_passes(first, passes)
         try:
-            light = first
-            while (passes := bake.count_passes(light)) > bake.num_passes and not is_stopped():
-                while bake.num_passes < passes and not is_stopped():
-                    bake.cast()
-                light = bake.gather()
-            parts = {"": light}
-            if len(names) > 1:
-                parts = {name: bake.gather(name) for name in names}
+            while bake.num_passes < max(2, needed) and not is_stopped():
+                bake.cast()
+                if bake.num_passes == max(2, needed):
+                    parts = bake.finish()
+                    light = light_bake.add_lights(parts, {})
+                    needed = light_bake.count_passes(light, bake.num_passes)
         finally:
             bake.close()
         release_freed_memory()
         if not is_stopped():
-            rays = bake.num_passes * light_bake.RAYS_PER_PASS
             seconds = time.perf_counter() - start
-            log.info("light baked in %.2f s by %d rays a node", seconds, rays)
+            num_rays = bake.num_passes * rays
+            log.info("light baked in %.2f s by %d rays a node", seconds, num_rays)
             _store_light(cache, key, parts)
         return apply(parts)
 

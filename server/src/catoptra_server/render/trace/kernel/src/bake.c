@@ -120,7 +120,7 @@ static void cast_node(const BakeJob *job, int32_t node) {
         }
         aim_rays(job, node, job->sequence + 3 * (size_t)first, &rays);
         intersect_bvh(&job->mesh->bvh, place, OBJECT_STATIC, &rays, &hits);
-        int32_t *slots = job->hits + (size_t)node * (size_t)job->stride + first;
+        int32_t *slots = job->hits + (size_t)node * (size_t)job->num_rays + first;
         for (int lane = 0; lane < BLOCK_RAYS; lane++) {
             int32_t triangle = hits.triangle[lane];
             Vec3 direction = get_lane((const float(*)[BLOCK_RAYS])rays.direction, lane);
@@ -259,25 +259,23 @@ static void gather_nodes(void *argument) {
     const GatherJob *job = gather->job;
     int32_t first;
     while ((first = atomic_fetch_add(&gather->next, NODES_AT_ONCE)) < job->num_nodes)
-        for (int32_t node = first; node < first + NODES_AT_ONCE && node < job->num_nodes; node++)
-            for (int32_t pass = 0; pass < job->num_passes; pass++) {
-                const int32_t *slots =
-                    job->hits + (size_t)node * (size_t)job->stride + pass * job->num_rays;
-                Vec3 sum = {0, 0, 0};
-                int32_t known = 0;
-                for (int32_t ray = 0; ray < job->num_rays; ray++) {
-                    const float *radiance = job->radiance + 3 * (size_t)slots[ray];
-                    if (radiance[0] >= 0.0f) {
-                        sum = add(sum, vec3(radiance));
-                        known++;
-                    }
+        for (int32_t node = first; node < first + NODES_AT_ONCE && node < job->num_nodes; node++) {
+            const int32_t *slots = job->hits + (size_t)node * (size_t)job->num_rays;
+            Vec3 sum = {0, 0, 0};
+            int32_t known = 0;
+            for (int32_t ray = 0; ray < job->num_rays; ray++) {
+                const float *radiance = job->radiance + 3 * (size_t)slots[ray];
+                if (radiance[0] >= 0.0f) {
+                    sum = add(sum, vec3(radiance));
+                    known++;
                 }
-                sum = scale(1.0f / (float)(known ? known : 1), sum);
-                float *mean = job->means + 3 * ((size_t)pass * (size_t)job->num_nodes + (size_t)node);
-                mean[0] = sum.x;
-                mean[1] = sum.y;
-                mean[2] = sum.z;
             }
+            sum = scale(1.0f / (float)(known ? known : 1), sum);
+            float *mean = job->means + 3 * (size_t)node;
+            mean[0] = sum.x;
+            mean[1] = sum.y;
+            mean[2] = sum.z;
+        }
 }
 
 void catoptra_gather(Device *device, const GatherJob *job) {

@@ -374,8 +374,7 @@ typedef struct {
     int32_t num_rays;        /* of a node, a multiple of 16 */
     const float *sequence;   /* (num_rays, 3) squared sine, cosine and sine of the azimuth */
     const float *turns;      /* (256, 2) cosines and sines of turns about the normal */
-    int32_t *hits;           /* of the first node's first ray */
-    int64_t stride;          /* from node to node */
+    int32_t *hits;           /* (n, num_rays) slots that rays end on */
     int32_t *backs;          /* (n,) counts rays that meet backs, near nodes of surfaces */
     int32_t num_lamps, num_columns;
     const BakeLamp *lamps;
@@ -385,11 +384,10 @@ typedef struct {
 
 /* Means of radiance over stored hits. */
 typedef struct {
-    int32_t num_nodes, num_passes, num_rays;
-    const int32_t *hits;
-    int64_t stride;
+    int32_t num_nodes, num_rays;
+    const int32_t *hits;   /* (n, num_rays) */
     const float *radiance; /* (slots, 3), negative where it is not known */
-    float *means;          /* (num_passes, n, 3) */
+    float *means;          /* (n, 3) */
 } GatherJob;
 
 CATOPTRA_EXPORT void catoptra_bake(Device *device, const BakeJob *job);
