@@ -25,11 +25,13 @@ from catoptra_server.render.trace.occlusion.light_bake import (
     MAX_PASSES,
     RAYS_PER_PASS,
     LightBake,
-    NodeLight,
-    add_lights,
     bake_light,
 )
-from catoptra_server.render.trace.occlusion.occlusion_cache import light_scene
+from catoptra_server.render.trace.occlusion.occlusion_cache import (
+    NodeLight,
+    add_lights,
+    light_scene,
+)
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TraceRequest

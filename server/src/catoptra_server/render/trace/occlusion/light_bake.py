@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -31,7 +31,6 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.elementary import cos, sin
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import UNCHANGED, VISIBLE_LEVELS
 from catoptra_server.effects.scene.baked_light import find_grid_changes
 from catoptra_server.render.trace.kernel.kernel_ray_caster import CommittedScene
@@ -50,34 +49,38 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
     hole_textures,
     patch_structs,
 )
-from catoptra_server.render.trace.occlusion.baking import (
-    GridLayout,
-    SurfaceFrames,
-    blur,
+from catoptra_server.render.trace.occlusion.baking import sobol_points
+from catoptra_server.render.trace.occlusion.occlusion_cache import (
+    LEAST_LIGHT,
+    NodeLight,
+    add_lights,
+    find_ranges,
+)
+from catoptra_server.render.trace.occlusion.surface_grids import (
+    MIN_NODE_DISTANCE_M,
+    add_spare_grid,
+    choose_layout,
     continue_grids,
     find_atlas_rows,
     frame_surfaces,
-    lay_out,
     place_nodes,
-    sobol_points,
+    smooth_grids,
 )
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import (
     OPEN_LIGHT,
     OcclusionMap,
-    decode_texels,
     hemisphere_lights,
+    light_of_bytes,
     shadow_casting_lights,
 )
 from catoptra_server.world.world_description import (
     DirectionalLight,
-    HemisphereLight,
     LightProbes,
     PointLight,
     RectangleLight,
     Rgb,
     World,
-    srgb_from_linear,
 )
 
 RAYS_PER_PASS = 16
@@ -93,7 +96,6 @@ MAX_PROBES = 1000
 _MIN_PROBE_DISTANCE_M = 1.0
 # A probe that sees more of backs stands where nothing moves: outside a round room a tenth.
 _BACK_SHARE = 0.05
-_MIN_NODE_DISTANCE_M = 0.05
 # Of the most grids: with all, small parts of furniture left walls a node a metre.
 _GRID_SHARE = 0.2
 _INSIDE_SHARE = 0.1
@@ -101,15 +103,13 @@ _INSIDE_SHARE = 0.1
 _SKY_SIDE = 64
 # Of the brightest clouds, twice: the sun's disc, a texel of the sky here, is brighter.
 _MAX_SKY = 4.0
-# Irradiance below which nothing is lit.
-_LEAST_LIGHT = 1e-6
 _GOLDEN = 0.6180339887
 _MAX_BOUNCES = 48
-# Of the brightest node: what further bounces may add together, in the first pass, and in all others,
+# Of the brightest node: what further bounces may add together, in the first pass and in others,
 # which start from the mean of those before.
 _REMAINDERS = 1e-6, 1e-3
 _FINEST = 1e-5
-# Standard errors within which 99 of 100 nodes are, where their number is estimated from many passes.
+# Standard errors that 99 of 100 nodes are within, where they are estimated from many passes.
 SIGMAS = 3.0
 # Of few it is larger by the root of 1 + (5 / (passes - 1))^2: about Student's distribution.
 _FEW_PASSES = 5.0
@@ -119,114 +119,6 @@ MAX_ERROR = 1.0
 _FACES = np.kron(np.eye(3), np.array([[1.0], [-1.0]]))
 _Float32s = npt.NDArray[np.float32]
 _BakedLights = Sequence[DirectionalLight | PointLight | RectangleLight]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class NodeLight:
-    """Light of a scene's surfaces."""
-
-    occlusion: OcclusionMap
-    """Irradiance at nodes, as factors of that of the brightest in each colour."""
-    brightest: Floats
-    """(3,) irradiance of the factor 1."""
-    mean_sky: Floats
-    """(2, 3) mean irradiance of level facets, those that face up first."""
-    error: npt.NDArray[np.float16]
-    """(h, w, 3) bounds of the nodes' errors, `SIGMAS` standard errors each."""
-    probes: LightProbes
-    """Light of what moves."""
-
-    @property
-    def stated_error(self) -> float:
-        """Grey levels of a white surface that the errors of 99 of 100 nodes stay below."""
-        is_node = self._grid >= 0
-        light, error = self._light[is_node], self.error[is_node].astype(np.float64)
-        levels = 255.0 * (srgb_from_linear(light + error) - srgb_from_linear(light))
-        return float(np.percentile(levels, 99.0)) if len(levels) else 0.0
-
-    @property
-    def is_dark(self) -> bool:
-        """Whether nothing is lit."""
-        return bool(self.brightest.max() <= _LEAST_LIGHT)
-
-    def apply(self, scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
-        """The scene and its world, lit by this light instead of hemisphere lights."""
-        brightest, up, down = (
-            (float(r), float(g), float(b)) for r, g, b in (self.brightest, *self.mean_sky)
-        )
-        lights = (HemisphereLight(brightest, brightest), *shadow_casting_lights(world.lights))
-        occlusion = replace(
-            self.occlusion, ranges=self._find_ranges(), stated_error=self.stated_error
-        )
-        return (
-            replace(scene, occlusion=occlusion),
-            replace(
-                world,
-                lights=lights,
-                area_lights=(),
-                object_sky=HemisphereLight(up, down),
-                probes=self.probes,
-            ),
-        )
-
-    @property
-    def _grid(self) -> npt.NDArray[np.int32]:
-        """(h, w) grid of each node; -1 elsewhere."""
-        grid = np.full(self.error.shape[:2], -1, dtype=np.int32)
-        for number, (left, top, right, bottom) in enumerate(self.occlusion.bounds.tolist()):
-            grid[top : bottom + 1, left : right + 1] = number
-        return grid
-
-    @property
-    def _light(self) -> Floats:
-        """(h, w, 3) irradiance."""
-        light: Floats = self.brightest * np.moveaxis(self.occlusion.planes / OPEN_LIGHT, 0, -1)
-        return light
-
-    def _find_ranges(self) -> Floats:
-        """(3, m, 3) as of `OcclusionMap`."""
-        error = self.error.astype(np.float64)
-        return find_ranges(self._light, error, self._grid) / self.brightest
-
-
-def add_lights(parts: Mapping[str, NodeLight], factors: Mapping[str, float]) -> NodeLight:
-    """Sum of the lights of groups, brighter by a factor each; 1 where none is named."""
-    if len(parts) == 1:
-        return parts[""]
-    first, scales = parts[""], [factors.get(name, 1.0) for name in parts]
-    pairs = [*zip(scales, parts.values(), strict=True)]
-    light = sum((scale * part._light for scale, part in pairs), np.zeros(3))
-    error = sum((scale * part.error.astype(np.float32) for scale, part in pairs), np.float32(0.0))
-    at_nodes = light[first._grid >= 0]
-    brightest = np.maximum(at_nodes.max(axis=0, initial=0.0), _LEAST_LIGHT)
-    texels = np.rint(np.minimum(light / brightest, 1.0) * OPEN_LIGHT).astype(np.uint16)
-    return NodeLight(
-        replace(first.occlusion, texels=np.ascontiguousarray(np.moveaxis(texels, -1, 0))),
-        brightest,
-        sum((scale * part.mean_sky for scale, part in pairs), np.zeros(3)),
-        np.asarray(1.001 * error + 0.5 * brightest / OPEN_LIGHT).astype(np.float16),
-        replace(
-            first.probes,
-            faces=np.asarray(sum((scale * part.probes.faces for scale, part in pairs), 0.0)),
-        ),
-    )
-
-
-def find_ranges(light: Floats, error: Floats, grid: npt.NDArray[np.int32]) -> Floats:
-    """(3, m, 3) least, mean and largest light on m grids.
-
-    Args:
-        light: (h, w, 3) light of nodes.
-        error: (h, w, 3) errors, which widen the extremes.
-        grid: (h, w) grid of each node, -1 for none.
-    """
-    order = np.argsort(grid, axis=None, kind="stable")[np.count_nonzero(grid < 0) :]
-    first = np.flatnonzero(np.diff(grid.reshape(-1)[order], prepend=-1))
-    light, error = light.reshape(-1, 3)[order], error.reshape(-1, 3)[order]
-    count = np.diff(np.append(first, len(order)))[:, None]
-    least = np.maximum(np.minimum.reduceat(light - error, first), 0.0)
-    mean = np.add.reduceat(light, first) / count
-    return np.stack((least, mean, np.maximum.reduceat(light + error, first)))
 
 
 def sky_radiance(world: World, directions: Floats) -> Floats:
@@ -255,9 +147,7 @@ def bake_light(
     instruction_set: str | None = None,
 ) -> NodeLight:
     """Light of a scene from a number of passes, two at least; errors as of `LightBake`."""
-    bake = LightBake(
-        scene, world, threads=threads, detail=detail, instruction_set=instruction_set
-    )
+    bake = LightBake(scene, world, threads=threads, detail=detail, instruction_set=instruction_set)
     try:
         for _ in range(passes):
             bake.cast()
@@ -303,12 +193,19 @@ class LightBake:
         self._lamps: _BakedLights = (*shadow_casting_lights(world.lights), *world.area_lights)
         # Those of one kind, group and strength are known by their sum: 23 lamps took 96 MB.
         self._columns = [*dict.fromkeys(map(_find_strength, self._lamps))]
-        self._frames, self._has_spare = _add_spare_grid(
+        self._frames, self._has_spare = add_spare_grid(
             scene, frame_surfaces(scene, threads=threads, share=_GRID_SHARE)
         )
         self._probes = _place_probes(scene, round(detail * MAX_PROBES))
-        self._layout, self._is_node = _choose_layout(self._frames, round(detail * MAX_NODES))
-        self._grid_at = self._layout.grid_at()
+        area_m2 = np.linalg.norm(np.cross(self._frames.side_x, self._frames.side_y), axis=-1).sum()
+        most = round(detail * MAX_NODES)
+        self._layout, self._is_node = choose_layout(
+            self._frames,
+            lambda layout: layout.grid >= 0,
+            most,
+            # With any smaller distance there are more.
+            distance_m=max(MIN_NODE_DISTANCE_M, math.sqrt(area_m2 / most)),
+        )
         self._nodes = place_nodes(self._frames, self._layout, self._is_node)
         self._albedo = _mean_albedo(scene)
         self._materials = self._find_materials()
@@ -322,9 +219,7 @@ class LightBake:
         self._job = self._make_job()
         self._sky = self._make_table()
         # Mean of the passes and the sum of their squared differences from it.
-        self._estimates = {
-            group: np.zeros((2, count, 3)) for group in ("", *world.light_groups)
-        }
+        self._estimates = {group: np.zeros((2, count, 3)) for group in ("", *world.light_groups)}
 
     def _make_job(self) -> BakeJob:
         """All of a pass that no pass changes."""
@@ -349,8 +244,8 @@ class LightBake:
         turns = 2.0 * np.pi * (np.arange(256) + _GOLDEN) / 256
         # Within its group: rays do not depend on factors of groups.
         powers: dict[str, float] = {}
-        for lamp in self._world.area_lights:
-            powers[lamp.group] = max(powers.get(lamp.group, 1e-9), *lamp.intensity)
+        for one in self._world.area_lights:
+            powers[one.group] = max(powers.get(one.group, 1e-9), *one.intensity)
         lamps = (BakeLamp * max(1, len(self._lamps)))(
             *(_lamp_struct(lamp, scene.centre, powers.get(lamp.group, 1.0)) for lamp in self._lamps)
         )
@@ -495,7 +390,7 @@ class LightBake:
         table[self._job.sky_slot :] = sky_radiance(self._world, directions)
         return table
 
-    def _triangle_radiance(self, irradiance: Floats, shine: np.float32) -> Floats:
+    def _triangle_radiance(self, irradiance: _Float32s, shine: np.float32) -> Floats:
         """(t, 3) radiance of triangles without a grid, by a mean irradiance."""
         scene, rows = self._scene, self._rows
         radiance = self._albedo[rows] * np.where(scene.unlit[rows, None], shine, irradiance)
@@ -508,7 +403,7 @@ class LightBake:
         """
         known = self._is_node.copy()
         known[self._is_node] = ~is_inside
-        grid = self._grid_at
+        grid = self._layout.grid
         own = np.arange(grid.size).reshape(grid.shape)
         source = np.where(known, own, -1)
         for axis in (1, 0):
@@ -559,8 +454,12 @@ class LightBake:
 
     def _filter(self, light: Floats, squares: Floats) -> NodeLight:
         """Filter the estimates of nodes, state their errors, and make the map."""
-        grid, layout, count = self._grid_at, self._layout, len(self._nodes.patch)
-        probes, at_nodes, is_inside = self._finish_probes(light[count:]), light[:count], self._is_inside()
+        layout, count = self._layout, len(self._nodes.patch)
+        probes, at_nodes, is_inside = (
+            self._finish_probes(light[count:]),
+            light[:count],
+            self._is_inside(),
+        )
         shape = (*self._is_node.shape, 3)
         mean, variance = np.zeros(shape), np.zeros(shape)
         mean[self._is_node] = at_nodes
@@ -569,31 +468,27 @@ class LightBake:
         variance[self._is_node] = few / (others * self.num_passes) * squares[:count]
         known = ~self._is_node
         known[self._is_node] = ~is_inside
-        is_wide, is_high = layout.columns >= 4, layout.rows >= 4
-
-        def smooth_over(nodes: Floats) -> Floats:
-            rows = blur(nodes, grid, axis=1, is_filtered=is_wide)
-            return blur(rows, grid, axis=0, is_filtered=is_high)
-
         values, error = np.zeros(shape), np.zeros(shape)
+        is_wide, is_high = layout.is_filtered
         less = np.append(np.where(is_wide, 0.375, 1.0) * np.where(is_high, 0.375, 1.0), 1.0)
+        less = np.sqrt(less)[layout.grid]
         for channel in range(3):
             raw, spread = (
-                continue_grids(one[..., channel], known, grid, largest=np.inf, otherwise=0.0)
+                continue_grids(one[..., channel], known, layout.grid, largest=np.inf, otherwise=0.0)
                 for one in (mean, variance)
             )
             # Of few passes each: better known together. A continued value has two nodes' errors.
-            spread = smooth_over(np.where(known, spread, 9.0 * spread))
-            smooth = smooth_over(raw)
+            spread = smooth_grids(np.where(known, spread, 9.0 * spread), layout)
+            smooth = smooth_grids(raw, layout)
             change, noise = np.abs(smooth - raw), SIGMAS * np.sqrt(spread)
             is_kept = change > noise
             values[..., channel] = np.where(is_kept, raw, smooth)
-            error[..., channel] = np.where(is_kept, noise, noise * np.sqrt(less)[grid] + change)
-        brightest = np.maximum(values[self._is_node].max(axis=0, initial=0.0), _LEAST_LIGHT)
+            error[..., channel] = np.where(is_kept, noise, noise * less + change)
+        brightest = np.maximum(values[self._is_node].max(axis=0, initial=0.0), LEAST_LIGHT)
         values[~self._is_node] = brightest
         mean_light = np.average(at_nodes[~is_inside], axis=0) if len(at_nodes) else 0.0
         if self._has_spare:
-            values[grid == len(self._frames.origin) - 1] = mean_light
+            values[layout.grid == len(self._frames.origin) - 1] = mean_light
         error += 0.5 * brightest / OPEN_LIGHT
         self._level_grids(values, error)
         texels = np.rint(np.moveaxis(values / brightest, -1, 0) * OPEN_LIGHT).astype(np.uint16)
@@ -605,8 +500,8 @@ class LightBake:
 
     def _level_grids(self, values: Floats, error: Floats) -> None:
         """Give the nodes of a grid their mean where nobody misses the rest."""
-        grid = self._grid_at
-        ranges = find_ranges(values, error, grid)
+        grid = self._layout.grid
+        ranges = find_ranges(values, error, self._layout.bounds())
         # Errors count, too: nodes that seem to agree may not.
         is_level = np.append(find_grid_changes(ranges, UNCHANGED) <= VISIBLE_LEVELS, False)
         at = is_level[grid]
@@ -627,7 +522,7 @@ class LightBake:
 
     def _make_map(self, texels: npt.NDArray[np.uint16]) -> OcclusionMap:
         bounds = self._layout.bounds()
-        columns, rows = find_atlas_rows(self._frames, bounds[:, :2], bounds[:, 2:] - bounds[:, :2])
+        columns, rows = find_atlas_rows(self._frames, bounds)
         if self._has_spare:
             # One node for every point.
             columns[-1], rows[-1] = (0.0, 0.0, 0.0, bounds[-1, 0]), (0.0, 0.0, 0.0, bounds[-1, 1])
@@ -637,18 +532,6 @@ class LightBake:
         """Free the rays and end the threads."""
         self._owners.clear()
         self._device.close()
-
-
-def _choose_layout(frames: SurfaceFrames, max_nodes: int) -> tuple[GridLayout, Bools]:
-    """Finest grids of at most so many nodes, and these."""
-    distance_m = _MIN_NODE_DISTANCE_M
-    while True:
-        layout = lay_out(frames, distance_m)
-        is_node = layout.grid_at() >= 0
-        excess = np.count_nonzero(is_node) / max_nodes
-        if excess <= 1.0 or distance_m > 100.0:
-            return layout, is_node
-        distance_m *= max(1.05, float(np.sqrt(excess)))
 
 
 def _place_probes(scene: SceneMesh, max_probes: int) -> LightProbes:
@@ -665,22 +548,6 @@ def _place_probes(scene: SceneMesh, max_probes: int) -> LightProbes:
     return LightProbes(first + 0.5 * step, step, np.zeros((*counts, 6, 3), np.float32))
 
 
-def _add_spare_grid(scene: SceneMesh, frames: SurfaceFrames) -> tuple[SurfaceFrames, bool]:
-    """Grids, the last for all lit triangles that have none; and whether there is one."""
-    is_lost = (frames.patch_of < 0) & ~scene.unlit
-    if not is_lost.any():
-        return frames, False
-    sides = np.eye(3)[:, None]
-    rows = (scene.centre[None], sides[0], sides[1], -sides[2])
-    names = ("origin", "side_x", "side_y", "normal")
-    arrays = {
-        name: np.concatenate((getattr(frames, name), row))
-        for name, row in zip(names, rows, strict=True)
-    }
-    patch_of = np.where(is_lost, np.int32(len(frames.origin)), frames.patch_of).astype(np.int32)
-    return SurfaceFrames(patch_of, **arrays), True
-
-
 def _make_sequence(count: int) -> _Float32s:
     """(count, 3) Sobol's points: squared sine of the tilt, cosine and sine of the azimuth."""
     across, around = sobol_points(count)
@@ -690,7 +557,10 @@ def _make_sequence(count: int) -> _Float32s:
 
 def _mean_albedo(scene: SceneMesh) -> Floats:
     """(n, 3) albedo of triangles, times the mean of their textures."""
-    means = [decode_texels(image)[..., :3].mean(axis=(0, 1)) for image in scene.textures]
+    means = []
+    for image in scene.textures:
+        counts = np.stack([np.bincount(image[..., i].reshape(-1), minlength=256) for i in range(3)])
+        means.append((counts * light_of_bytes()).sum(axis=1) / math.prod(image.shape[:2]))
     albedo: Floats = scene.albedo * np.array([*means, np.ones(3)])[scene.texture_index]
     return albedo
 
