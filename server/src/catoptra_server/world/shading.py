@@ -305,6 +305,25 @@ OPEN_LIGHT = 65535
 BLOCK = 4
 
 
+def find_grid_nodes(
+    bounds: npt.NDArray[np.integer], width: int
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Places of the k nodes of m grids in an atlas, grid by grid and row by row.
+
+    Args:
+        bounds: (m, 4) as of `OcclusionMap`.
+        width: Columns of the atlas.
+
+    Returns:
+        (k,) index of each node, (k,) its grid, and (m,) where each grid begins among them.
+    """
+    left, top, right, bottom = np.asarray(bounds, dtype=np.intp).T
+    columns, count = right - left + 1, (right - left + 1) * (bottom - top + 1)
+    first, number = np.cumsum(count) - count, np.repeat(np.arange(len(count)), count)
+    row, column = np.divmod(np.arange(len(number)) - first[number], columns[number])
+    return (top[number] + row) * width + left[number] + column, number, first
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class OcclusionMap:
     """Factors of hemisphere light on the surfaces of a scene."""
@@ -332,10 +351,11 @@ class OcclusionMap:
     def __post_init__(self) -> None:
         """Find what is darkest on each grid, for bounds, and where nothing is brighter."""
         planes = self.planes
-        parts = [planes[:, t : b + 1, x : r + 1] for x, t, r, b in self.bounds.tolist()]
-        shape = (len(parts), len(planes))
-        darkest = np.array([part.min(axis=(1, 2)) for part in parts]).reshape(shape)
-        brightest = np.array([part.max(axis=(1, 2)) for part in parts]).reshape(shape)
+        index, _, first = find_grid_nodes(self.bounds, planes.shape[-1])
+        nodes = planes.reshape(len(planes), -1)[:, index]
+        darkest, brightest = (
+            extreme.reduceat(nodes, first, axis=1).T for extreme in (np.minimum, np.maximum)
+        )
         object.__setattr__(self, "darkest", darkest / self.open)
         is_constant = (darkest == brightest).all(axis=1) & (len(planes) > 1)
         object.__setattr__(self, "is_constant", is_constant)

@@ -9,15 +9,14 @@ import pytest
 
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
-from catoptra_server.render.trace.occlusion import baking
+from catoptra_server.render.trace.occlusion import surface_grids
 from catoptra_server.render.trace.occlusion.baking import (
     RADIUS_M,
     bake_occlusion,
     filter_factors,
-    frame_surfaces,
-    lay_out,
     occluder_weights,
 )
+from catoptra_server.render.trace.occlusion.surface_grids import frame_surfaces, lay_out
 from catoptra_server.render.trace.ray_caster import commit_ray_caster, commit_to_reference
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.shading import BLOCK, OPEN
@@ -162,6 +161,7 @@ def run_filter(
         top=0 * both,
         width=2 * columns,
         height=rows,
+        grid=np.repeat([[0, 1]], columns, axis=1).repeat(rows, axis=0).astype(np.int32),
     )
     inside = np.zeros(values.shape, dtype=bool) if inside is None else inside
     near = np.zeros((rows, 2 * columns), dtype=bool)
@@ -208,7 +208,7 @@ def test_every_corner_of_a_triangle_lies_in_its_surface_s_rectangle() -> None:
 def test_small_triangles_have_grids_between_their_corners(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(baking, "_MAX_SURFACES", 0)
+    monkeypatch.setattr(surface_grids, "_MAX_SURFACES", 0)
     frames = frame_surfaces(SCENE, threads=1)
     assert sorted(frames.patch_of.tolist()) == list(range(len(SCENE)))
     third = (frames.origin + frames.side_y)[frames.patch_of]
@@ -228,11 +228,11 @@ def make_ball(rings: int) -> SceneMesh:
 def test_many_small_triangles_are_occluded_as_by_grids_of_their_own(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(baking, "_MAX_SURFACES", 1)
+    monkeypatch.setattr(surface_grids, "_MAX_SURFACES", 1)
     scene = make_ball(40)
     centres, factors = scene.corners.mean(axis=1), []
     for most in (8000, 400):
-        monkeypatch.setattr(baking, "_MAX_SMALL_GRIDS", most)
+        monkeypatch.setattr(surface_grids, "_MAX_SMALL_GRIDS", most)
         occlusion = bake_occlusion(scene, commit_ray_caster(scene), threads=1)
         assert occlusion is not None
         factors.append(occlusion.factors(np.arange(len(scene)), centres)[:, 0])
@@ -249,10 +249,10 @@ def test_many_small_triangles_are_occluded_as_by_grids_of_their_own(
 def test_small_triangles_share_at_most_so_many_grids_and_lie_behind_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(baking, "_MAX_SURFACES", 1)
+    monkeypatch.setattr(surface_grids, "_MAX_SURFACES", 1)
     scene = make_ball(80)
     frames = frame_surfaces(scene, threads=1)
-    small = np.flatnonzero(frames.patch_of >= baking._MAX_SURFACES)
+    small = np.flatnonzero(frames.patch_of >= surface_grids._MAX_SURFACES)
     assert len(small) > 8000
     assert 4000 <= len(np.unique(frames.patch_of[small])) <= 8000
     assert (frames.patch_of >= 0).all()
@@ -275,7 +275,7 @@ def test_grids_share_no_block_of_the_atlas(distance_m: float) -> None:
         assert min(w, h) >= 2
         used[y : y + -(-h // BLOCK) * BLOCK, x : x + -(-w // BLOCK) * BLOCK] += 1
     assert used.max() == 1
-    grid = layout.grid_at()
+    grid = layout.grid
     for number, (left, top, right, bottom) in enumerate(layout.bounds().tolist()):
         assert (grid[top : bottom + 1, left : right + 1] == number).all()
 

@@ -25,11 +25,13 @@ from catoptra_server.render.trace.occlusion.light_bake import (
     MAX_PASSES,
     RAYS_PER_PASS,
     LightBake,
-    NodeLight,
-    add_lights,
     bake_light,
 )
-from catoptra_server.render.trace.occlusion.occlusion_cache import light_scene
+from catoptra_server.render.trace.occlusion.occlusion_cache import (
+    NodeLight,
+    add_lights,
+    light_scene,
+)
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TraceRequest
@@ -445,7 +447,8 @@ def test_no_rays_are_added_where_errors_are_small() -> None:
             bake = LightBake(build_scene(make_lamp_world()), make_lamp_world(), threads=2)
         bake.cast()
         bake.cast()
-        assert max(2, bake.count_passes(bake.gather())) == expected
+        light = add_lights(bake.finish(), {})
+        assert max(2, light_bake.count_passes(light, bake.num_passes)) == expected
         bake.close()
 
 
@@ -462,18 +465,18 @@ def test_picture_is_the_sum_of_groups_with_a_factor_each() -> None:
         replace(lamp, intensity=tuple(factors[lamp.group] * one for one in lamp.intensity))
         for lamp in lamps
     ]
+    ungrouped = tuple(replace(lamp, group="") for lamp in bright)
     lights = []
-    for one in (world, replace(world, area_lights=tuple(bright))):
-        bake = LightBake(scene, one, threads=2)
+    for area_lights in (lamps, tuple(bright), ungrouped):
+        bake = LightBake(scene, replace(world, area_lights=area_lights), threads=2)
         for _ in range(4):
             bake.cast()
-        parts = {name: bake.gather(name) for name in ("", "one", "other")}
-        lights += [add_lights(parts, factors if one is world else {}), bake.gather()]
+        lights.append(add_lights(bake.finish(), factors if area_lights is lamps else {}))
         bake.close()
-    mixed, _, summed, whole = (one.brightest * one.occlusion.planes.T / 65535.0 for one in lights)
+    mixed, summed, whole = (one.brightest * one.occlusion.planes.T / 65535.0 for one in lights)
     # Each map has its own steps.
     np.testing.assert_allclose(mixed, summed, atol=2e-4)
     # Filters decide by the noise of one group, or of all.
-    errors = (lights[0].error + lights[3].error).swapaxes(0, 1)
+    errors = (lights[0].error + lights[2].error).swapaxes(0, 1)
     is_node = find_nodes(lights[0]).T
     assert (np.abs(mixed - whole) <= errors)[is_node].mean() > 0.999

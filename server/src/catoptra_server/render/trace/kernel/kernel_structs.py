@@ -358,6 +358,7 @@ class BakeLamp(ctypes.Structure):
         ("kind", c_int32),
         ("column", c_int32),
         ("area", c_float),
+        ("power", c_float),
         ("corner", c_double * 3),
         ("side_x", c_float * 3),
         ("side_y", c_float * 3),
@@ -378,9 +379,7 @@ class BakeJob(ctypes.Structure):
         ("sky_side", c_int32),
         ("pass_number", c_uint32),
         ("num_rays", c_int32),
-        *_addresses("sequence", "turns", "hits"),
-        ("stride", c_int64),
-        *_addresses("backs"),
+        *_addresses("sequence", "turns", "hits", "backs"),
         ("num_lamps", c_int32),
         ("num_columns", c_int32),
         *_addresses("lamps", "light"),
@@ -392,11 +391,8 @@ class GatherJob(ctypes.Structure):
 
     _fields_: ClassVar[Fields] = [
         ("num_nodes", c_int32),
-        ("num_passes", c_int32),
         ("num_rays", c_int32),
-        *_addresses("hits"),
-        ("stride", c_int64),
-        *_addresses("radiance", "means"),
+        *_addresses("hits", "radiance", "means"),
     ]
 
 

@@ -1,7 +1,7 @@
 """Indirect light of a static scene on the nodes of the occlusion map's grids.
 
 Rays from a node, distributed by the cosine, end on surfaces or in the sky; what each meets is
-stored once as a slot of a table of radiance, from which any number of bounces are gathered without
+stored as a slot of a table of radiance, from which any number of bounces are gathered without
 a ray. The irradiance of a node is the mean radiance of its slots. Sky, emission and area lights are
 in the result; the sun and point lamps stay exact rays of each picture, and only what surfaces
 reflect of them is. Source: Cohen & Wallace 1993, "Radiosity and Realistic Image Synthesis", with
@@ -11,17 +11,18 @@ Probes for what moves stand on a regular grid of the scene's box, each of six no
 the axes; one that sees backs, inside a solid or out of a room, has the light of the nearest other.
 Walls between two do not count.
 
-Passes of 16 rays, each shifted by random numbers of its own, are independent estimates: a node's
-standard error is that of their mean. A tent over three by three nodes takes most noise; where it
-changes a node by more than its noise explains, at the edge of a shadow, the node stays as it is.
-A reflected part of the scene is seen by many nodes, so its own error hardly adds to theirs.
+Passes of 16 rays, each shifted by random numbers of its own, are independent estimates, all bounces
+included: a node's standard error is that of their mean, and only one pass's rays are kept. With one
+table for all, noise of what nodes see was in no error: 5 of 100 nodes were beyond what was stated.
+A tent over three by three nodes takes most noise; where it changes a node by more than its noise
+explains, at the edge of a shadow, the node stays as it is.
 """
 
 from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -30,7 +31,6 @@ import numpy.typing as npt
 
 from catoptra_protocol.optics.elementary import cos, sin
 from catoptra_protocol.optics.numerics import Bools, Floats
-from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import UNCHANGED, VISIBLE_LEVELS
 from catoptra_server.effects.scene.baked_light import find_grid_changes
 from catoptra_server.render.trace.kernel.kernel_ray_caster import CommittedScene
@@ -49,48 +49,53 @@ from catoptra_server.render.trace.kernel.scene_arrays import (
     hole_textures,
     patch_structs,
 )
-from catoptra_server.render.trace.occlusion.baking import (
-    SurfaceFrames,
-    blur,
+from catoptra_server.render.trace.occlusion.baking import sobol_points
+from catoptra_server.render.trace.occlusion.occlusion_cache import (
+    LEAST_LIGHT,
+    NodeLight,
+    add_lights,
+    find_ranges,
+)
+from catoptra_server.render.trace.occlusion.surface_grids import (
+    MIN_NODE_DISTANCE_M,
+    add_spare_grid,
+    choose_layout,
     continue_grids,
     find_atlas_rows,
     frame_surfaces,
-    lay_out,
     place_nodes,
-    sobol_points,
+    smooth_grids,
 )
 from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import (
     OPEN_LIGHT,
     OcclusionMap,
-    decode_texels,
     hemisphere_lights,
+    light_of_bytes,
     shadow_casting_lights,
 )
 from catoptra_server.world.world_description import (
     DirectionalLight,
-    HemisphereLight,
     LightProbes,
     PointLight,
     RectangleLight,
     Rgb,
     World,
-    srgb_from_linear,
 )
 
 RAYS_PER_PASS = 16
-FIRST_PASSES = 2
-"""Before the first picture: the fewest from which an error can be estimated."""
+FIRST_PASSES = 4
+"""Before the first picture: from fewer no error can be estimated that holds."""
+FIRST_DETAIL = 0.25
+"""Share of nodes and probes in the first picture."""
 MAX_PASSES = 16
 """However large the errors are."""
-# 256 rays of each take 57 MB while they are kept.
 MAX_NODES = 56_000
 # Beside these, six nodes each; a metre apart at least.
 MAX_PROBES = 1000
 _MIN_PROBE_DISTANCE_M = 1.0
 # A probe that sees more of backs stands where nothing moves: outside a round room a tenth.
 _BACK_SHARE = 0.05
-_MIN_NODE_DISTANCE_M = 0.05
 # Of the most grids: with all, small parts of furniture left walls a node a metre.
 _GRID_SHARE = 0.2
 _INSIDE_SHARE = 0.1
@@ -98,131 +103,22 @@ _INSIDE_SHARE = 0.1
 _SKY_SIDE = 64
 # Of the brightest clouds, twice: the sun's disc, a texel of the sky here, is brighter.
 _MAX_SKY = 4.0
-# Irradiance below which nothing is lit.
-_LEAST_LIGHT = 1e-6
 _GOLDEN = 0.6180339887
 _MAX_BOUNCES = 48
-# Before the first picture; the rest is that of one factor a bounce.
-_FIRST_BOUNCES = 8
-# Of the brightest node: what further bounces may add together.
-_REMAINDER = 1e-6
+# Of the brightest node: what further bounces may add together, in the first pass and in others,
+# which start from the mean of those before.
+_REMAINDERS = 1e-6, 1e-3
 _FINEST = 1e-5
-# Standard errors within which 99 of 100 nodes are, where their number is estimated, too.
+# Standard errors that 99 of 100 nodes are within, where they are estimated from many passes.
 SIGMAS = 3.0
+# Of few it is larger by the root of 1 + (5 / (passes - 1))^2: about Student's distribution.
+_FEW_PASSES = 5.0
 MAX_ERROR = 1.0
 """Grey levels that nobody misses, of 99 of 100 nodes: from there on no rays are added."""
 # Directions of a probe's nodes, as of `HemisphereLight.faces`.
 _FACES = np.kron(np.eye(3), np.array([[1.0], [-1.0]]))
 _Float32s = npt.NDArray[np.float32]
 _BakedLights = Sequence[DirectionalLight | PointLight | RectangleLight]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class NodeLight:
-    """Light of a scene's surfaces."""
-
-    occlusion: OcclusionMap
-    """Irradiance at nodes, as factors of that of the brightest in each colour."""
-    brightest: Floats
-    """(3,) irradiance of the factor 1."""
-    mean_sky: Floats
-    """(2, 3) mean irradiance of level facets, those that face up first."""
-    error: npt.NDArray[np.float16]
-    """(h, w, 3) bounds of the nodes' errors, `SIGMAS` standard errors each."""
-    probes: LightProbes
-    """Light of what moves."""
-
-    @property
-    def stated_error(self) -> float:
-        """Grey levels of a white surface that the errors of 99 of 100 nodes stay below."""
-        is_node = self._grid >= 0
-        light, error = self._light[is_node], self.error[is_node].astype(np.float64)
-        levels = 255.0 * (srgb_from_linear(light + error) - srgb_from_linear(light))
-        return float(np.percentile(levels, 99.0)) if len(levels) else 0.0
-
-    @property
-    def is_dark(self) -> bool:
-        """Whether nothing is lit."""
-        return bool(self.brightest.max() <= _LEAST_LIGHT)
-
-    def apply(self, scene: SceneMesh, world: World) -> tuple[SceneMesh, World]:
-        """The scene and its world, lit by this light instead of hemisphere lights."""
-        brightest, up, down = (
-            (float(r), float(g), float(b)) for r, g, b in (self.brightest, *self.mean_sky)
-        )
-        lights = (HemisphereLight(brightest, brightest), *shadow_casting_lights(world.lights))
-        occlusion = replace(
-            self.occlusion, ranges=self._find_ranges(), stated_error=self.stated_error
-        )
-        return (
-            replace(scene, occlusion=occlusion),
-            replace(
-                world,
-                lights=lights,
-                area_lights=(),
-                object_sky=HemisphereLight(up, down),
-                probes=self.probes,
-            ),
-        )
-
-    @property
-    def _grid(self) -> npt.NDArray[np.int32]:
-        """(h, w) grid of each node; -1 elsewhere."""
-        grid = np.full(self.error.shape[:2], -1, dtype=np.int32)
-        for number, (left, top, right, bottom) in enumerate(self.occlusion.bounds.tolist()):
-            grid[top : bottom + 1, left : right + 1] = number
-        return grid
-
-    @property
-    def _light(self) -> Floats:
-        """(h, w, 3) irradiance."""
-        light: Floats = self.brightest * np.moveaxis(self.occlusion.planes / OPEN_LIGHT, 0, -1)
-        return light
-
-    def _find_ranges(self) -> Floats:
-        """(3, m, 3) as of `OcclusionMap`."""
-        error = self.error.astype(np.float64)
-        return find_ranges(self._light, error, self._grid) / self.brightest
-
-
-def add_lights(parts: Mapping[str, NodeLight], factors: Mapping[str, float]) -> NodeLight:
-    """Sum of the lights of groups, brighter by a factor each; 1 where none is named."""
-    if len(parts) == 1:
-        return parts[""]
-    first, scales = parts[""], [factors.get(name, 1.0) for name in parts]
-    pairs = [*zip(scales, parts.values(), strict=True)]
-    light = sum((scale * part._light for scale, part in pairs), np.zeros(3))
-    error = sum((scale * part.error.astype(np.float32) for scale, part in pairs), np.float32(0.0))
-    at_nodes = light[first._grid >= 0]
-    brightest = np.maximum(at_nodes.max(axis=0, initial=0.0), _LEAST_LIGHT)
-    texels = np.rint(np.minimum(light / brightest, 1.0) * OPEN_LIGHT).astype(np.uint16)
-    return NodeLight(
-        replace(first.occlusion, texels=np.ascontiguousarray(np.moveaxis(texels, -1, 0))),
-        brightest,
-        sum((scale * part.mean_sky for scale, part in pairs), np.zeros(3)),
-        np.asarray(1.001 * error + 0.5 * brightest / OPEN_LIGHT).astype(np.float16),
-        replace(
-            first.probes,
-            faces=np.asarray(sum((scale * part.probes.faces for scale, part in pairs), 0.0)),
-        ),
-    )
-
-
-def find_ranges(light: Floats, error: Floats, grid: npt.NDArray[np.int32]) -> Floats:
-    """(3, m, 3) least, mean and largest light on m grids.
-
-    Args:
-        light: (h, w, 3) light of nodes.
-        error: (h, w, 3) errors, which widen the extremes.
-        grid: (h, w) grid of each node, -1 for none.
-    """
-    order = np.argsort(grid, axis=None, kind="stable")[np.count_nonzero(grid < 0) :]
-    first = np.flatnonzero(np.diff(grid.reshape(-1)[order], prepend=-1))
-    light, error = light.reshape(-1, 3)[order], error.reshape(-1, 3)[order]
-    count = np.diff(np.append(first, len(order)))[:, None]
-    least = np.maximum(np.minimum.reduceat(light - error, first), 0.0)
-    mean = np.add.reduceat(light, first) / count
-    return np.stack((least, mean, np.maximum.reduceat(light + error, first)))
 
 
 def sky_radiance(world: World, directions: Floats) -> Floats:
@@ -247,18 +143,24 @@ def bake_light(
     passes: int,
     *,
     threads: int,
+    detail: float = 1.0,
     instruction_set: str | None = None,
 ) -> NodeLight:
     """Light of a scene from a number of passes, two at least; errors as of `LightBake`."""
-    bake = LightBake(
-        scene, world, threads=threads, max_passes=passes, instruction_set=instruction_set
-    )
+    bake = LightBake(scene, world, threads=threads, detail=detail, instruction_set=instruction_set)
     try:
         for _ in range(passes):
             bake.cast()
-        return bake.gather()
+        return add_lights(bake.finish(), {})
     finally:
         bake.close()
+
+
+def count_passes(light: NodeLight, passes: int) -> int:
+    """Passes from which the stated error of light by fewer is `MAX_ERROR`, or all."""
+    # Errors fall with the square root of the number of rays.
+    needed = passes * min(light.stated_error / MAX_ERROR, 1e3) ** 2
+    return min(math.ceil(needed), MAX_PASSES)
 
 
 class LightBake:
@@ -270,46 +172,54 @@ class LightBake:
         world: World,
         *,
         threads: int,
-        max_passes: int = MAX_PASSES,
+        detail: float = 1.0,
         instruction_set: str | None = None,
     ) -> None:
         """Lay out the grids of a scene; the result is the same for any number of threads.
+
+        Args:
+            scene: Triangles.
+            world: World whose lamps, sky and groups of lights count.
+            threads: Threads.
+            detail: Share of the most nodes and probes.
+            instruction_set: Of the kernel; the best of this processor by default.
 
         Raises:
             KernelUnavailableError: The kernel's library is missing.
         """
         self._scene, self._world = scene, world
-        self._instruction_set = instruction_set or choose_instruction_set()
-        self._device = KernelDevice(self._instruction_set, threads)
+        self._device = KernelDevice(instruction_set or choose_instruction_set(), threads)
         self._owners: list[object] = []
         self._lamps: _BakedLights = (*shadow_casting_lights(world.lights), *world.area_lights)
         # Those of one kind, group and strength are known by their sum: 23 lamps took 96 MB.
         self._columns = [*dict.fromkeys(map(_find_strength, self._lamps))]
-        self._frames, self._has_spare = _add_spare_grid(
+        self._frames, self._has_spare = add_spare_grid(
             scene, frame_surfaces(scene, threads=threads, share=_GRID_SHARE)
         )
-        distance_m = _MIN_NODE_DISTANCE_M
-        self._probes = _place_probes(scene)
-        num_probes = math.prod(self._probes.faces.shape[:3])
-        while True:
-            self._layout = lay_out(self._frames, distance_m)
-            self._grid_at = self._layout.grid_at()
-            is_node = self._grid_at >= 0
-            excess = np.count_nonzero(is_node) / MAX_NODES
-            if excess <= 1.0 or distance_m > 100.0:
-                break
-            distance_m *= max(1.05, float(np.sqrt(excess)))
-        self._is_node = is_node
+        self._probes = _place_probes(scene, round(detail * MAX_PROBES))
+        area_m2 = np.linalg.norm(np.cross(self._frames.side_x, self._frames.side_y), axis=-1).sum()
+        most = round(detail * MAX_NODES)
+        self._layout, self._is_node = choose_layout(
+            self._frames,
+            lambda layout: layout.grid >= 0,
+            most,
+            # With any smaller distance there are more.
+            distance_m=max(MIN_NODE_DISTANCE_M, math.sqrt(area_m2 / most)),
+        )
+        self._nodes = place_nodes(self._frames, self._layout, self._is_node)
         self._albedo = _mean_albedo(scene)
-        self._nodes = place_nodes(self._frames, self._layout, is_node)
+        self._materials = self._find_materials()
         self.num_passes = 0
-        count = len(self._nodes.patch) + 6 * num_probes
-        self._hits = np.zeros((count, max_passes * RAYS_PER_PASS), dtype=np.int32)
+        count = len(self._nodes.patch) + 6 * math.prod(self._probes.faces.shape[:3])
+        self._hits = np.zeros((count, RAYS_PER_PASS), dtype=np.int32)
         self._backs = np.zeros(count, dtype=np.int32)
-        self._light = np.zeros((max_passes, count, len(self._columns)), dtype=np.float32)
-        self._sequence = _make_sequence(max_passes * RAYS_PER_PASS)
-        self._map = self._make_map(np.zeros((3, *is_node.shape), dtype=np.uint16))
+        self._lamp_light = np.zeros((2, count, len(self._columns)), dtype=np.float32)
+        self._sequence = _make_sequence(MAX_PASSES * RAYS_PER_PASS)
+        self._map = self._make_map(np.zeros((3, *self._is_node.shape), dtype=np.uint16))
         self._job = self._make_job()
+        self._sky = self._make_table()
+        # Mean of the passes and the sum of their squared differences from it.
+        self._estimates = {group: np.zeros((2, count, 3)) for group in ("", *world.light_groups)}
 
     def _make_job(self) -> BakeJob:
         """All of a pass that no pass changes."""
@@ -332,8 +242,12 @@ class LightBake:
         grid = np.append(self._nodes.patch, len(frames.normal) + np.arange(len(places)) % 6)
         # Off all fractions of the sequence: rays along diagonals would end on the edges of rooms.
         turns = 2.0 * np.pi * (np.arange(256) + _GOLDEN) / 256
+        # Within its group: rays do not depend on factors of groups.
+        powers: dict[str, float] = {}
+        for one in self._world.area_lights:
+            powers[one.group] = max(powers.get(one.group, 1e-9), *one.intensity)
         lamps = (BakeLamp * max(1, len(self._lamps)))(
-            *(_lamp_struct(lamp, scene.centre) for lamp in self._lamps)
+            *(_lamp_struct(lamp, scene.centre, powers.get(lamp.group, 1.0)) for lamp in self._lamps)
         )
         for struct, lamp in zip(lamps, self._lamps, strict=False):
             struct.column = self._columns.index(_find_strength(lamp))
@@ -347,6 +261,8 @@ class LightBake:
             "slot_of": np.arange(size, size + len(self._rows), dtype=np.int32),
             "turns": np.stack((cos(turns), sin(turns)), axis=-1).astype(np.float32),
             "backs": self._backs,
+            "hits": self._hits,
+            "light": self._lamp_light[1],
         }
         patches = patch_structs(self._map, scene.centre)
         arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
@@ -360,7 +276,6 @@ class LightBake:
             sky_slot=size + len(self._rows),
             sky_side=_SKY_SIDE,
             num_rays=RAYS_PER_PASS,
-            stride=self._hits.shape[1],
             num_lamps=len(self._lamps),
             num_columns=len(self._columns),
             **{name: array.ctypes.data for name, array in arrays.items()},
@@ -377,83 +292,80 @@ class LightBake:
         return mesh
 
     def cast(self) -> None:
-        """Cast the rays of one more pass."""
-        first = self.num_passes * RAYS_PER_PASS
+        """Cast the rays of one more pass, and gather its light."""
+        # Sobol's points repeat beyond 256: each pass is shifted otherwise.
+        first = self.num_passes % MAX_PASSES * RAYS_PER_PASS
         self._job.pass_number = self.num_passes
         self._job.sequence = self._sequence[first:].ctypes.data
-        self._job.hits = self._hits.ctypes.data + first * self._hits.itemsize
-        self._job.light = self._light[self.num_passes].ctypes.data
+        self._lamp_light[1] = 0.0
         self._device.bake(self._job)
+        if not self.num_passes:
+            # Exact lamps are in the first pass alone.
+            self._lamp_light[0] = self._lamp_light[1]
         self.num_passes += 1
+        source = self._find_sources(self._is_inside())
+        for group, (mean, squares) in self._estimates.items():
+            light = self._solve(group, source, mean)
+            difference = light - mean
+            mean += difference / self.num_passes
+            squares += difference * (light - mean)
 
-    def count_passes(self, light: NodeLight) -> int:
-        """Passes from which the stated error of light so far is `MAX_ERROR`, or all."""
-        # Errors fall with the square root of the number of rays.
-        needed = self.num_passes * min(light.stated_error / MAX_ERROR, 1e3) ** 2
-        return min(math.ceil(needed), len(self._light))
-
-    @np.errstate(under="ignore")  # an underflow is black
-    def gather(self, group: str | None = None) -> NodeLight:
-        """Light of the scene after all bounces, from the passes so far; two at least.
-
-        Args:
-            group: Group of lamps that shine alone; empty: what is in no group; None: all lights.
-        """
-        shine = 0.0 if group else 1.0  # of sky and luminous surfaces
-        lit, reflected = self._find_lamp_light(group)
-        albedo, emission = self._find_materials()
-        emission, table = shine * emission, np.float32(shine) * self._make_table()
-        count, num_nodes = len(self._nodes.patch), len(self._backs)
-        is_inside = self._backs[:count] > _INSIDE_SHARE * self.num_passes * RAYS_PER_PASS
+    def _is_inside(self) -> Bools:
+        """(k,) nodes inside solids, or of no surface."""
+        backs = self._backs[: len(self._nodes.patch)]
+        is_inside = backs > _INSIDE_SHARE * self.num_passes * RAYS_PER_PASS
         if self._has_spare:
             is_inside |= self._nodes.patch == len(self._frames.origin) - 1
+        return is_inside
+
+    @np.errstate(under="ignore")  # an underflow is black
+    def _solve(self, group: str, source: npt.NDArray[np.intp], mean: Floats) -> _Float32s:
+        """(n, 3) irradiance of nodes and probes after all bounces, by the rays of the last pass.
+
+        Args:
+            group: Lamps that shine alone; empty: what is in no group.
+            source: As of `_find_sources`.
+            mean: Irradiance by earlier passes, from which the bounces start.
+        """
+        shine = np.float32(not group)  # of sky and luminous surfaces
+        lit, reflected = self._find_lamp_light(group)
+        albedo, emission = self._materials
+        table, count, size = shine * self._sky, len(source), self._is_node.size
         texel = np.flatnonzero(self._is_node.reshape(-1))
-        source = self._find_sources(is_inside)
-        size = self._is_node.size
-        means = np.zeros((self.num_passes, num_nodes, 3), dtype=np.float32)
-        irradiance, change = np.zeros((num_nodes, 3)), np.zeros((num_nodes, 3))
-        lamp_light = lit.mean(axis=0, dtype=np.float64)
-        ratio = np.full(3, 0.99)
-        bounces = _FIRST_BOUNCES if self.num_passes <= FIRST_PASSES else _MAX_BOUNCES
-        for _ in range(bounces):
-            lit_nodes = (irradiance + lamp_light + reflected)[:count]
-            radiance = albedo * lit_nodes + emission
-            table[texel] = np.where(source[:, None] >= 0, radiance[source], -1.0)
-            mean = np.average((irradiance + lamp_light)[:count], axis=0)
-            table[size : size + len(self._rows)] = self._triangle_radiance(mean, shine)
+        is_first = self.num_passes == 1
+        light = lit.copy() if is_first else mean.astype(np.float32)
+        change, means = np.zeros_like(light), np.zeros_like(light)
+        ratio, remainder = np.full(3, np.float32(0.99)), _REMAINDERS[not is_first]
+        for _ in range(_MAX_BOUNCES):
+            radiance = albedo * (light + reflected)[:count] + shine * emission
+            table[texel] = np.where(source[:, None] >= 0, radiance[source], np.float32(-1.0))
+            at_nodes = np.average(light[:count], axis=0)
+            table[size : size + len(self._rows)] = self._triangle_radiance(at_nodes, shine)
             self._gather_means(table, means)
-            gathered = means.mean(axis=0, dtype=np.float64)
-            before, change = np.abs(change).max(axis=0, initial=0.0), gathered - irradiance
-            irradiance = gathered
+            gathered = means + lit
+            before, change = np.abs(change).max(axis=0, initial=0.0), gathered - light
+            light = gathered
             largest = np.abs(change).max(axis=0, initial=0.0)
-            top = (irradiance + lamp_light).max(axis=0, initial=0.0)
+            top = light.max(axis=0, initial=0.0)
             # Nothing is known of it before the second bounce, nor of changes near float32's steps.
             is_known = (before > 0.0) & (largest > _FINEST * top)
             latest = np.minimum(largest / np.where(is_known, before, 1.0), 0.99)
             ratio = np.where(is_known, latest, ratio)
-            if (largest * ratio <= _REMAINDER * (1.0 - ratio) * top).all():
+            if (largest * ratio <= remainder * (1.0 - ratio) * top).all():
                 break
         # What is left falls by one factor a bounce.
-        means += lit
-        means += (change * ratio / (1.0 - ratio)).astype(np.float32)
-        probes = self._finish_probes(means[:, count:].mean(axis=0, dtype=np.float64))
-        return self._finish(means[:, :count], is_inside, probes)
+        return np.asarray(light + change * ratio / (1.0 - ratio), dtype=np.float32)
 
-    def _find_lamp_light(self, group: str | None) -> tuple[_Float32s, Floats]:
-        """(passes, k, 3) irradiance by area lights, and (k, 3) by other lamps, as of one pass."""
-        light = self._light[: self.num_passes]
-        areas = np.zeros((len(light), light.shape[1], 3), dtype=np.float32)
-        others = np.zeros((light.shape[1], 3))
+    def _find_lamp_light(self, group: str) -> tuple[_Float32s, _Float32s]:
+        """(n, 3) irradiance by area lights in the last pass, and by other lamps."""
+        light = np.zeros((2, len(self._hits), 3), dtype=np.float32)
         for number, (is_area, of_group, strength) in enumerate(self._columns):
-            if group is not None and of_group != group:
-                continue
-            if is_area:
-                areas += light[:, :, number, None] * np.asarray(strength, dtype=np.float32)
-            else:
-                others += light[0, :, number, None] * np.asarray(strength)
-        return areas, others
+            if of_group == group:
+                brought = self._lamp_light[int(is_area), :, number, None]
+                light[1 - is_area] += brought * np.asarray(strength, dtype=np.float32)
+        return light[0], light[1]
 
-    def _find_materials(self) -> tuple[Floats, Floats]:
+    def _find_materials(self) -> tuple[_Float32s, _Float32s]:
         """(k, 3) albedo and emission at nodes: those of one triangle of each surface."""
         scene, frames = self._scene, self._frames
         triangle = np.zeros(len(frames.origin), dtype=np.intp)
@@ -462,7 +374,8 @@ class LightBake:
         triangle[frames.patch_of[inside]] = inside
         albedo = self._albedo[triangle]
         emission = np.zeros_like(albedo) if scene.emission is None else scene.emission[triangle]
-        return albedo[self._nodes.patch], emission[self._nodes.patch]
+        at_nodes = np.stack((albedo, emission))[:, self._nodes.patch].astype(np.float32)
+        return at_nodes[0], at_nodes[1]
 
     def _make_table(self) -> _Float32s:
         """(slots, 3) radiance, that of the sky written."""
@@ -477,7 +390,7 @@ class LightBake:
         table[self._job.sky_slot :] = sky_radiance(self._world, directions)
         return table
 
-    def _triangle_radiance(self, irradiance: Floats, shine: float) -> Floats:
+    def _triangle_radiance(self, irradiance: _Float32s, shine: np.float32) -> Floats:
         """(t, 3) radiance of triangles without a grid, by a mean irradiance."""
         scene, rows = self._scene, self._rows
         radiance = self._albedo[rows] * np.where(scene.unlit[rows, None], shine, irradiance)
@@ -490,7 +403,7 @@ class LightBake:
         """
         known = self._is_node.copy()
         known[self._is_node] = ~is_inside
-        grid = self._grid_at
+        grid = self._layout.grid
         own = np.arange(grid.size).reshape(grid.shape)
         source = np.where(known, own, -1)
         for axis in (1, 0):
@@ -508,11 +421,9 @@ class LightBake:
 
     def _gather_means(self, table: _Float32s, means: _Float32s) -> None:
         job = GatherJob(
-            num_nodes=means.shape[1],
-            num_passes=len(means),
+            num_nodes=len(means),
             num_rays=RAYS_PER_PASS,
             hits=self._hits.ctypes.data,
-            stride=self._hits.shape[1],
             radiance=table.ctypes.data,
             means=means.ctypes.data,
         )
@@ -520,7 +431,7 @@ class LightBake:
 
     def _finish_probes(self, means: Floats) -> LightProbes:
         """Probes of (6 p, 3) means; those that see backs have the light of the nearest other."""
-        faces = means.reshape(-1, 6, 3)
+        faces = means.reshape(-1, 6, 3).copy()
         backs = self._backs[len(self._nodes.patch) :].reshape(-1, 6).sum(axis=-1)
         is_known = backs <= _BACK_SHARE * 6 * self.num_passes * RAYS_PER_PASS
         if is_known.any():
@@ -536,42 +447,48 @@ class LightBake:
         at = np.indices(self._probes.faces.shape[:3]).reshape(3, -1).T
         return np.asarray(self._probes.first + at * self._probes.step)
 
-    def _finish(self, passes: _Float32s, is_inside: Bools, probes: LightProbes) -> NodeLight:
-        """Filter the (p, k, 3) estimates of nodes, state their errors, and make the map."""
-        grid, layout = self._grid_at, self._layout
+    def finish(self) -> dict[str, NodeLight]:
+        """Light of the scene by groups of lamps, the empty one for all the rest: two passes at
+        least."""
+        return {group: self._filter(*estimate) for group, estimate in self._estimates.items()}
+
+    def _filter(self, light: Floats, squares: Floats) -> NodeLight:
+        """Filter the estimates of nodes, state their errors, and make the map."""
+        layout, count = self._layout, len(self._nodes.patch)
+        probes, at_nodes, is_inside = (
+            self._finish_probes(light[count:]),
+            light[:count],
+            self._is_inside(),
+        )
         shape = (*self._is_node.shape, 3)
         mean, variance = np.zeros(shape), np.zeros(shape)
-        at_nodes = passes.mean(axis=0, dtype=np.float64)
         mean[self._is_node] = at_nodes
-        squares = sum(np.square(one - at_nodes) for one in passes)
-        variance[self._is_node] = squares / (len(passes) * (len(passes) - 1))
+        others = self.num_passes - 1
+        few = 1.0 + (_FEW_PASSES / others) ** 2
+        variance[self._is_node] = few / (others * self.num_passes) * squares[:count]
         known = ~self._is_node
         known[self._is_node] = ~is_inside
-        is_wide, is_high = layout.columns >= 4, layout.rows >= 4
-
-        def smooth_over(nodes: Floats) -> Floats:
-            rows = blur(nodes, grid, axis=1, is_filtered=is_wide)
-            return blur(rows, grid, axis=0, is_filtered=is_high)
-
         values, error = np.zeros(shape), np.zeros(shape)
+        is_wide, is_high = layout.is_filtered
         less = np.append(np.where(is_wide, 0.375, 1.0) * np.where(is_high, 0.375, 1.0), 1.0)
+        less = np.sqrt(less)[layout.grid]
         for channel in range(3):
             raw, spread = (
-                continue_grids(one[..., channel], known, grid, largest=np.inf, otherwise=0.0)
+                continue_grids(one[..., channel], known, layout.grid, largest=np.inf, otherwise=0.0)
                 for one in (mean, variance)
             )
             # Of few passes each: better known together. A continued value has two nodes' errors.
-            spread = smooth_over(np.where(known, spread, 9.0 * spread))
-            smooth = smooth_over(raw)
+            spread = smooth_grids(np.where(known, spread, 9.0 * spread), layout)
+            smooth = smooth_grids(raw, layout)
             change, noise = np.abs(smooth - raw), SIGMAS * np.sqrt(spread)
             is_kept = change > noise
             values[..., channel] = np.where(is_kept, raw, smooth)
-            error[..., channel] = np.where(is_kept, noise, noise * np.sqrt(less)[grid] + change)
-        brightest = np.maximum(values[self._is_node].max(axis=0, initial=0.0), _LEAST_LIGHT)
+            error[..., channel] = np.where(is_kept, noise, noise * less + change)
+        brightest = np.maximum(values[self._is_node].max(axis=0, initial=0.0), LEAST_LIGHT)
         values[~self._is_node] = brightest
         mean_light = np.average(at_nodes[~is_inside], axis=0) if len(at_nodes) else 0.0
         if self._has_spare:
-            values[grid == len(self._frames.origin) - 1] = mean_light
+            values[layout.grid == len(self._frames.origin) - 1] = mean_light
         error += 0.5 * brightest / OPEN_LIGHT
         self._level_grids(values, error)
         texels = np.rint(np.moveaxis(values / brightest, -1, 0) * OPEN_LIGHT).astype(np.uint16)
@@ -583,8 +500,8 @@ class LightBake:
 
     def _level_grids(self, values: Floats, error: Floats) -> None:
         """Give the nodes of a grid their mean where nobody misses the rest."""
-        grid = self._grid_at
-        ranges = find_ranges(values, error, grid)
+        grid = self._layout.grid
+        ranges = find_ranges(values, error, self._layout.bounds())
         # Errors count, too: nodes that seem to agree may not.
         is_level = np.append(find_grid_changes(ranges, UNCHANGED) <= VISIBLE_LEVELS, False)
         at = is_level[grid]
@@ -605,16 +522,11 @@ class LightBake:
 
     def _make_map(self, texels: npt.NDArray[np.uint16]) -> OcclusionMap:
         bounds = self._layout.bounds()
-        columns, rows = find_atlas_rows(self._frames, bounds[:, :2], bounds[:, 2:] - bounds[:, :2])
+        columns, rows = find_atlas_rows(self._frames, bounds)
         if self._has_spare:
             # One node for every point.
             columns[-1], rows[-1] = (0.0, 0.0, 0.0, bounds[-1, 0]), (0.0, 0.0, 0.0, bounds[-1, 1])
         return OcclusionMap(self._frames.patch_of, columns, rows, bounds, texels)
-
-    def use_calling_thread(self) -> None:
-        """Compute all that follows on the calling thread alone, whose priority may be low."""
-        self._device.close()
-        self._device = KernelDevice(self._instruction_set, 1)
 
     def close(self) -> None:
         """Free the rays and end the threads."""
@@ -622,34 +534,18 @@ class LightBake:
         self._device.close()
 
 
-def _place_probes(scene: SceneMesh) -> LightProbes:
+def _place_probes(scene: SceneMesh, max_probes: int) -> LightProbes:
     """Dark probes all over a scene's box, and a metre above, where robots stand on it."""
     first = scene.box_min - np.array([0.0, 0.0, 1.0])
     size = np.maximum(scene.box_max - first, 1e-3)
     distance_m = _MIN_PROBE_DISTANCE_M
     while True:
         counts = np.ceil(size / distance_m).astype(np.intp)
-        if math.prod(counts.tolist()) <= MAX_PROBES:
+        if math.prod(counts.tolist()) <= max_probes:
             break
         distance_m *= 1.05
     step = size / counts
     return LightProbes(first + 0.5 * step, step, np.zeros((*counts, 6, 3), np.float32))
-
-
-def _add_spare_grid(scene: SceneMesh, frames: SurfaceFrames) -> tuple[SurfaceFrames, bool]:
-    """Grids, the last for all lit triangles that have none; and whether there is one."""
-    is_lost = (frames.patch_of < 0) & ~scene.unlit
-    if not is_lost.any():
-        return frames, False
-    sides = np.eye(3)[:, None]
-    rows = (scene.centre[None], sides[0], sides[1], -sides[2])
-    names = ("origin", "side_x", "side_y", "normal")
-    arrays = {
-        name: np.concatenate((getattr(frames, name), row))
-        for name, row in zip(names, rows, strict=True)
-    }
-    patch_of = np.where(is_lost, np.int32(len(frames.origin)), frames.patch_of).astype(np.int32)
-    return SurfaceFrames(patch_of, **arrays), True
 
 
 def _make_sequence(count: int) -> _Float32s:
@@ -661,7 +557,10 @@ def _make_sequence(count: int) -> _Float32s:
 
 def _mean_albedo(scene: SceneMesh) -> Floats:
     """(n, 3) albedo of triangles, times the mean of their textures."""
-    means = [decode_texels(image)[..., :3].mean(axis=(0, 1)) for image in scene.textures]
+    means = []
+    for image in scene.textures:
+        counts = np.stack([np.bincount(image[..., i].reshape(-1), minlength=256) for i in range(3)])
+        means.append((counts * light_of_bytes()).sum(axis=1) / math.prod(image.shape[:2]))
     albedo: Floats = scene.albedo * np.array([*means, np.ones(3)])[scene.texture_index]
     return albedo
 
@@ -672,7 +571,9 @@ def _find_strength(lamp: DirectionalLight | PointLight | RectangleLight) -> tupl
     return isinstance(lamp, RectangleLight), lamp.group, strength
 
 
-def _lamp_struct(lamp: DirectionalLight | PointLight | RectangleLight, centre: Floats) -> BakeLamp:
+def _lamp_struct(
+    lamp: DirectionalLight | PointLight | RectangleLight, centre: Floats, brightest: float
+) -> BakeLamp:
     if isinstance(lamp, DirectionalLight):
         x, y, z = lamp.direction
         return BakeLamp(kind=LIGHT_DIRECTIONAL, normal=(-x, -y, -z))
@@ -690,6 +591,7 @@ def _lamp_struct(lamp: DirectionalLight | PointLight | RectangleLight, centre: F
     return BakeLamp(
         kind=LIGHT_RECTANGLE,
         area=lamp.size_m[0] * lamp.size_m[1],
+        power=max(lamp.intensity) / brightest,
         corner=tuple(place - 0.5 * (side_x + side_y)),
         side_x=tuple(side_x),
         side_y=tuple(side_y),

@@ -7,7 +7,10 @@
 #include <math.h>
 #include <stdatomic.h>
 
-enum { NODES_AT_ONCE = 64, SAMPLES = 8, LAMPS_AT_ONCE = BLOCK_RAYS / SAMPLES };
+enum { NODES_AT_ONCE = 64 };
+/* Of a node and pass, about; lamps of a fourth of a ray each are not left to chance. */
+#define LAMP_RAYS 16.0f
+#define FAINTNESS 4.0f
 #define INSIDE_M 0.5f
 #define PI 3.14159265f
 /* A lamp's own surface hides nothing of it. */
@@ -117,7 +120,7 @@ static void cast_node(const BakeJob *job, int32_t node) {
         }
         aim_rays(job, node, job->sequence + 3 * (size_t)first, &rays);
         intersect_bvh(&job->mesh->bvh, place, OBJECT_STATIC, &rays, &hits);
-        int32_t *slots = job->hits + (size_t)node * (size_t)job->stride + first;
+        int32_t *slots = job->hits + (size_t)node * (size_t)job->num_rays + first;
         for (int lane = 0; lane < BLOCK_RAYS; lane++) {
             int32_t triangle = hits.triangle[lane];
             Vec3 direction = get_lane((const float(*)[BLOCK_RAYS])rays.direction, lane);
@@ -130,69 +133,109 @@ static void cast_node(const BakeJob *job, int32_t node) {
     }
 }
 
-/* The ray from a node to a sample of a lamp, and the irradiance that it brings of one unit: at a
- * metre before a small lamp 1. Near a lamp each sample counts as a disc of its area. */
-static float aim_at_lamp(const BakeJob *job, int32_t node, int number, int sample, int lane,
-                         RayBlock *rays) {
-    const BakeLamp *lamp = job->lamps + number;
-    const double *position = job->positions + 3 * (size_t)node;
-    Vec3 normal = vec3(job->axes + 9 * (size_t)job->grid[node] + 6), towards = vec3(lamp->normal);
-    if (lamp->kind != LIGHT_RECTANGLE && sample)
-        return 0.0f;
-    rays->limit[lane] = INFINITY;
-    if (lamp->kind == LIGHT_DIRECTIONAL) {
-        set_lane(rays->direction, lane, towards);
-        return dot(normal, towards);
-    }
-    float from[3], disc = 0.0f, weight = 1.0f;
+/* Rays to lamps, with the irradiance that each brings of a lamp of one unit. */
+typedef struct {
+    RayBlock rays;
+    float weights[BLOCK_RAYS];
+    int32_t columns[BLOCK_RAYS];
+    int count;
+} LampRays;
+
+static Vec3 reach_lamp(const BakeLamp *lamp, const double *position) {
+    float from[3];
     for (int axis = 0; axis < 3; axis++)
         from[axis] = (float)(lamp->corner[axis] - position[axis]);
-    Vec3 offset = vec3(from);
-    if (lamp->kind == LIGHT_RECTANGLE) {
-        uint32_t bits = hash((uint32_t)node, job->pass_number, 2u + (uint32_t)number);
-        float x = (float)(sample % 4) + fraction(bits << 8), y = (float)(sample / 4);
-        y += fraction((bits >> 16) << 16);
-        offset = add(offset, add(scale(0.25f * x, vec3(lamp->side_x)),
-                                 scale(0.5f * y, vec3(lamp->side_y))));
-        disc = lamp->area / (PI * SAMPLES);
-        weight = 1.0f / SAMPLES;
-    }
+    return vec3(from);
+}
+
+/* Light of a rectangle at a node, about: 0 where no point of it is before the node, or this behind
+ * it; near it less than there is. */
+static float weigh_lamp(const BakeLamp *lamp, const double *position, Vec3 normal) {
+    Vec3 x = scale(0.5f, vec3(lamp->side_x)), y = scale(0.5f, vec3(lamp->side_y));
+    Vec3 centre = add(reach_lamp(lamp, position), add(x, y));
+    float height = dot(normal, centre) + fabsf(dot(normal, x)) + fabsf(dot(normal, y));
+    float depth = -dot(vec3(lamp->normal), centre);
+    float squared = dot(centre, centre) + dot(x, x) + dot(y, y);
+    int is_seen = height > 0.0f && depth > 0.0f;
+    return is_seen ? lamp->power * height * depth / (squared * squared) : 0.0f;
+}
+
+static void cast_to_lamps(const BakeJob *job, const double *place, LampRays *lamps, float *light) {
+    uint32_t seen = lamps->rays.active;
+    if (seen && job->casters)
+        seen &= ~occlude_bvh(&job->casters->bvh, place, &lamps->rays, NULL);
+    for (int lane = 0; lane < lamps->count; lane++)
+        if (seen >> lane & 1)
+            light[lamps->columns[lane]] += lamps->weights[lane];
+    lamps->rays.active = 0;
+    lamps->count = 0;
+}
+
+/* Add the ray from a node at an offset from a lamp, of which it stands for an area: near it for a
+ * disc of that area. Of one unit a small lamp brings 1 at a metre before it. */
+static void add_lamp_ray(const BakeLamp *lamp, Vec3 normal, Vec3 offset, float area, float weight,
+                         LampRays *lamps) {
+    int lane = lamps->count++;
     float squared = dot(offset, offset);
     float length = __builtin_sqrtf(squared > 1e-6f ? squared : 1e-6f);
-    Vec3 direction = scale(1.0f / length, offset);
-    set_lane(rays->direction, lane, direction);
-    rays->limit[lane] = BEFORE_LAMP * length;
+    Vec3 towards = vec3(lamp->normal), direction = towards;
+    lamps->rays.limit[lane] = INFINITY;
+    if (lamp->kind != LIGHT_DIRECTIONAL) {
+        direction = scale(1.0f / length, offset);
+        lamps->rays.limit[lane] = BEFORE_LAMP * length;
+        weight /= length * length + area / PI;
+    }
     if (lamp->kind == LIGHT_RECTANGLE) {
         float leaving = -dot(direction, towards);
         weight *= leaving > 0.0f ? leaving : 0.0f;
     }
-    return weight * dot(normal, direction) / (length * length + disc);
+    weight *= dot(normal, direction);
+    set_lane(lamps->rays.direction, lane, direction);
+    lamps->columns[lane] = lamp->column;
+    lamps->weights[lane] = weight;
+    lamps->rays.active |= (uint32_t)(weight > 0.0f) << lane;
 }
 
+/* Rectangles share some rays by the light that each would bring if nothing hid it. One of some
+ * light has a ray at least, so that what it brings hardly varies; of the others some are drawn. */
 static void light_node(const BakeJob *job, int32_t node) {
-    Vec3 origin;
-    const Mesh *casters = job->casters;
-    const double *place = place_node(casters, job->positions + 3 * (size_t)node, &origin);
-    float *light = job->light + (size_t)node * (size_t)job->num_columns;
-    for (int first = 0; first < job->num_lamps; first += LAMPS_AT_ONCE) {
-        RayBlock rays = {.has_origins = 0};
-        float weights[BLOCK_RAYS] = {0};
-        for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-            int number = first + lane / SAMPLES;
-            set_lane(rays.origin, lane, origin);
-            set_lane(rays.direction, lane, (Vec3){0, 0, 1});
-            weights[lane] = number < job->num_lamps
-                                ? aim_at_lamp(job, node, number, lane % SAMPLES, lane, &rays)
-                                : 0.0f;
-            rays.active |= (uint32_t)(weights[lane] > 0.0f) << lane;
-        }
-        uint32_t seen = rays.active;
-        if (seen && casters)
-            seen &= ~occlude_bvh(&casters->bvh, place, &rays, NULL);
-        for (int lane = 0; lane < BLOCK_RAYS; lane++)
-            if (seen >> lane & 1)
-                light[job->lamps[first + lane / SAMPLES].column] += weights[lane];
+    const double *position = job->positions + 3 * (size_t)node;
+    Vec3 origin, normal = vec3(job->axes + 9 * (size_t)job->grid[node] + 6);
+    const double *place = job->casters ? place_node(job->casters, position, &origin) : NULL;
+    float *light = job->light + (size_t)node * (size_t)job->num_columns, total = 0.0f;
+    LampRays lamps = {.count = 0};
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        set_lane(lamps.rays.origin, lane, job->casters ? origin : (Vec3){0, 0, 0});
+        set_lane(lamps.rays.direction, lane, (Vec3){0, 0, 1});
     }
+    for (int number = 0; number < job->num_lamps; number++)
+        if (job->lamps[number].kind == LIGHT_RECTANGLE)
+            total += weigh_lamp(job->lamps + number, position, normal);
+    for (int number = 0; number < job->num_lamps; number++) {
+        const BakeLamp *lamp = job->lamps + number;
+        Vec3 offset = reach_lamp(lamp, position);
+        int is_area = lamp->kind == LIGHT_RECTANGLE, count = !job->pass_number;
+        float chance = 1.0f, weight = is_area ? weigh_lamp(lamp, position, normal) : 1.0f;
+        uint32_t right = hash((uint32_t)node, job->pass_number, 2u + 2u * (uint32_t)number);
+        uint32_t down = hash((uint32_t)node, job->pass_number, 3u + 2u * (uint32_t)number);
+        if (is_area) {
+            float share = weight > 0.0f ? LAMP_RAYS * weight / total : 0.0f;
+            chance = FAINTNESS * share < 1.0f ? FAINTNESS * share : 1.0f;
+            count = fraction(down << 16) >= chance ? 0 : share > 1.0f ? (int)share : 1;
+        }
+        for (int ray = 0; ray < count; ray++) {
+            /* Source: Roberts 2018, R2: any run of its points is spread evenly. */
+            float x = fraction(right + (uint32_t)ray * 3242174889u);
+            float y = fraction((down & 0xffff0000u) + (uint32_t)ray * 2447445414u);
+            Vec3 at = is_area ? add(scale(x, vec3(lamp->side_x)), scale(y, vec3(lamp->side_y)))
+                              : (Vec3){0, 0, 0};
+            float part = 1.0f / (float)count;
+            add_lamp_ray(lamp, normal, add(offset, at), part * lamp->area, part / chance, &lamps);
+            if (lamps.count == BLOCK_RAYS)
+                cast_to_lamps(job, place, &lamps, light);
+        }
+    }
+    cast_to_lamps(job, place, &lamps, light);
 }
 
 static void bake_nodes(void *argument) {
@@ -216,25 +259,23 @@ static void gather_nodes(void *argument) {
     const GatherJob *job = gather->job;
     int32_t first;
     while ((first = atomic_fetch_add(&gather->next, NODES_AT_ONCE)) < job->num_nodes)
-        for (int32_t node = first; node < first + NODES_AT_ONCE && node < job->num_nodes; node++)
-            for (int32_t pass = 0; pass < job->num_passes; pass++) {
-                const int32_t *slots =
-                    job->hits + (size_t)node * (size_t)job->stride + pass * job->num_rays;
-                Vec3 sum = {0, 0, 0};
-                int32_t known = 0;
-                for (int32_t ray = 0; ray < job->num_rays; ray++) {
-                    const float *radiance = job->radiance + 3 * (size_t)slots[ray];
-                    if (radiance[0] >= 0.0f) {
-                        sum = add(sum, vec3(radiance));
-                        known++;
-                    }
+        for (int32_t node = first; node < first + NODES_AT_ONCE && node < job->num_nodes; node++) {
+            const int32_t *slots = job->hits + (size_t)node * (size_t)job->num_rays;
+            Vec3 sum = {0, 0, 0};
+            int32_t known = 0;
+            for (int32_t ray = 0; ray < job->num_rays; ray++) {
+                const float *radiance = job->radiance + 3 * (size_t)slots[ray];
+                if (radiance[0] >= 0.0f) {
+                    sum = add(sum, vec3(radiance));
+                    known++;
                 }
-                sum = scale(1.0f / (float)(known ? known : 1), sum);
-                float *mean = job->means + 3 * ((size_t)pass * (size_t)job->num_nodes + (size_t)node);
-                mean[0] = sum.x;
-                mean[1] = sum.y;
-                mean[2] = sum.z;
             }
+            sum = scale(1.0f / (float)(known ? known : 1), sum);
+            float *mean = job->means + 3 * (size_t)node;
+            mean[0] = sum.x;
+            mean[1] = sum.y;
+            mean[2] = sum.z;
+        }
 }
 
 void catoptra_gather(Device *device, const GatherJob *job) {

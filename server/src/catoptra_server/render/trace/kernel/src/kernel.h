@@ -353,7 +353,8 @@ CATOPTRA_EXPORT void catoptra_cast(const Mesh *mesh, int64_t count, const double
 typedef struct {
     int32_t kind;
     int32_t column;   /* of its light; that of several is their sum */
-    float area;       /* of a rectangle, square metres */
+    float area;       /* of a rectangle, square metres; 0 of all others */
+    float power;      /* of a rectangle, by which rays are shared */
     double corner[3]; /* of a rectangle; place of a point light */
     float side_x[3], side_y[3];
     float normal[3]; /* unit, on which it shines; towards a directional light */
@@ -379,21 +380,20 @@ typedef struct {
     int32_t num_rays;        /* of a node, a multiple of 16 */
     const float *sequence;   /* (num_rays, 3) squared sine, cosine and sine of the azimuth */
     const float *turns;      /* (256, 2) cosines and sines of turns about the normal */
-    int32_t *hits;           /* of the first node's first ray */
-    int64_t stride;          /* from node to node */
+    int32_t *hits;           /* (n, num_rays) slots that rays end on */
     int32_t *backs;          /* (n,) counts rays that meet backs, near nodes of surfaces */
     int32_t num_lamps, num_columns;
     const BakeLamp *lamps;
-    float *light;            /* (n, num_columns) irradiance by lamps of one unit is added */
+    float *light;            /* (n, num_columns) irradiance by lamps of one unit is added; of points and
+                              * directional lights in pass 0 alone */
 } BakeJob;
 
 /* Means of radiance over stored hits. */
 typedef struct {
-    int32_t num_nodes, num_passes, num_rays;
-    const int32_t *hits;
-    int64_t stride;
+    int32_t num_nodes, num_rays;
+    const int32_t *hits;   /* (n, num_rays) */
     const float *radiance; /* (slots, 3), negative where it is not known */
-    float *means;          /* (num_passes, n, 3) */
+    float *means;          /* (n, 3) */
 } GatherJob;
 
 CATOPTRA_EXPORT void catoptra_bake(Device *device, const BakeJob *job);
