@@ -177,13 +177,34 @@ void place_textures(const TextureChoice *from, const TexturePoints *points, uint
     place_block(from, level, mixed, 0, points, &placed->coarse);
 }
 
+static void mix_lanes(const TexelSquares *squares, uint32_t lanes, Texel colours[BLOCK_RAYS]) {
+    for (; lanes; lanes &= lanes - 1)
+        colours[__builtin_ctz(lanes)] = mix_lane(squares, __builtin_ctz(lanes));
+}
+
 void mix_textures(const PlacedTexels *placed, float colours[3][BLOCK_RAYS]) {
-    for (uint32_t left = placed->lanes; left; left &= left - 1) {
+    Texel mixed[BLOCK_RAYS], coarse[BLOCK_RAYS];
+    for (int lane = 0; placed->lanes != 0xffff && lane < BLOCK_RAYS; lane++)
+        mixed[lane] = (Texel){1, 1, 1, 1};
+    /* One level of all rays, then the other: which rays read two, no processor predicts. */
+    mix_lanes(&placed->fine, placed->lanes, mixed);
+    mix_lanes(&placed->coarse, placed->mixed, coarse);
+    for (uint32_t left = placed->mixed; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
-        Texel colour = mix_lane(&placed->fine, lane);
-        if (placed->mixed >> lane & 1)
-            colour += placed->weight[lane] * (mix_lane(&placed->coarse, lane) - colour);
-        set_lane(colours, lane, (Vec3){colour[0], colour[1], colour[2]});
+        mixed[lane] += placed->weight[lane] * (coarse[lane] - mixed[lane]);
+    }
+    for (int lane = 0; lane < BLOCK_RAYS; lane += 4) {
+        const Texel *at = mixed + lane;
+        Texel low[2], high[2], channel[3];
+        for (int i = 0; i < 2; i++) {
+            low[i] = __builtin_shufflevector(at[2 * i], at[2 * i + 1], 0, 4, 1, 5);
+            high[i] = __builtin_shufflevector(at[2 * i], at[2 * i + 1], 2, 6, 3, 7);
+        }
+        channel[0] = __builtin_shufflevector(low[0], low[1], 0, 1, 4, 5);
+        channel[1] = __builtin_shufflevector(low[0], low[1], 2, 3, 6, 7);
+        channel[2] = __builtin_shufflevector(high[0], high[1], 0, 1, 4, 5);
+        for (int i = 0; i < 3; i++)
+            memcpy(colours[i] + lane, &channel[i], sizeof channel[i]);
     }
 }
 
@@ -197,7 +218,6 @@ void read_hit_textures(const FrameState *state, const RayBlock *rays, const HitB
         int lane = __builtin_ctz(left);
         from.own[lane] = texture_of_facet(state, hits->object[lane], hits->triangle[lane]);
     }
-    set_lanes(colours, ~surface->textured, (Vec3){1, 1, 1});
     PlacedTexels placed;
     place_textures(&from, &points, surface->textured, &placed);
     mix_textures(&placed, colours);

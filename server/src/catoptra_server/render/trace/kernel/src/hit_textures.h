@@ -30,7 +30,7 @@ typedef struct {
 void place_textures(const TextureChoice *from, const TexturePoints *points, uint32_t lanes,
                     PlacedTexels *placed);
 
-/* Colours, (3, 16), of these rays. */
+/* Colours, (3, 16), of these rays; white for the others. */
 void mix_textures(const PlacedTexels *placed, float colours[3][BLOCK_RAYS]);
 
 /* Colours, (3, 16), of the textured rays; white for the others. */
