@@ -401,18 +401,21 @@ def occlusion_struct(occlusion: OcclusionMap | None, centre: Floats) -> OwningSt
     is_constant, factors = occlusion.find_constants()
     patch_of = np.where(is_constant, np.int32(-1), occlusion.patch_of)
     constants = _float32(factors) if is_constant.any() else None
+    # Colours side by side, like a texture's: two lines of memory a ray, where planes are six.
+    nodes = np.moveaxis(occlusion.texels, 0, -1)
+    light = np.append(nodes, np.uint16(0)) if nodes.ndim == 3 else None
     struct = OcclusionStruct(
         width=width,
         height=height,
         texels=occlusion.texels.ctypes.data,
-        light=occlusion.texels.ctypes.data if occlusion.texels.ndim == 3 else None,
+        light=_address(light),
         patch_of=patch_of.ctypes.data,
         patches=ctypes.addressof(structs),
         num_patches=len(structs),
         dark_sums=sums.ctypes.data,
         flat_factors=None if constants is None else constants.ctypes.data,
     )
-    return OwningStruct(struct, (occlusion, structs, sums, patch_of, constants))
+    return OwningStruct(struct, (occlusion, structs, sums, patch_of, constants, light))
 
 
 def patch_structs(occlusion: OcclusionMap, centre: Floats) -> ctypes.Array[OcclusionPatchStruct]:

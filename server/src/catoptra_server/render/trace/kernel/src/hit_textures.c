@@ -105,19 +105,26 @@ static void find_texels(const int32_t width[BLOCK_RAYS], const int32_t height[BL
     }
 }
 
-/* Texels of one level of a texture, around all rays of a block. */
-static void place_alike(const Texture *texture, const TextureLevel *level,
-                        const TexturePoints *points, TexelSquares *squares) {
-    _Alignas(64) int32_t width[BLOCK_RAYS], height[BLOCK_RAYS], column[BLOCK_RAYS], row[BLOCK_RAYS];
-    int32_t size = texel_size(texture, level), stride = size * (level->width + 2);
-    store_ints16((Ints16){0} + level->width, width);
-    store_ints16((Ints16){0} + level->height, height);
-    store_ints16((Ints16){0} + stride, squares->stride);
-    store_ints16((Ints16){0} + size, squares->size);
-    find_texels(width, height, points->u, points->v, column, row, squares);
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        squares->upper[lane] = place_texels(level, size, stride, column[lane], row[lane]);
-        squares->light[lane] = level->light;
+/* Sides of the levels that some rays read, and bytes of a texel of 16-bit light. */
+static void find_sides(const TextureChoice *from, const int32_t level[BLOCK_RAYS], uint32_t lanes,
+                       int32_t width[BLOCK_RAYS], int32_t height[BLOCK_RAYS],
+                       int32_t size[BLOCK_RAYS]) {
+    const Texture *common = from->common;
+    if (common) {
+        Ints16 one = {0}, sides[2] = {one + common->levels->width, one + common->levels->height};
+        one += 1;
+        for (int i = 0; i < 2; i++) {
+            Ints16 halved = sides[i] >> load_ints16(level);
+            store_ints16(halved - (halved == 0), i ? height : width);
+        }
+        store_ints16(one * 2 * common->channels, size);
+        return;
+    }
+    for (; lanes; lanes &= lanes - 1) {
+        int lane = __builtin_ctz(lanes);
+        const TextureLevel *texels = from->own[lane]->levels + level[lane];
+        width[lane] = texels->width, height[lane] = texels->height;
+        size[lane] = 2 * from->own[lane]->channels;
     }
 }
 
@@ -127,32 +134,38 @@ static void place_block(const TextureChoice *from, const int32_t level[BLOCK_RAY
                         uint32_t lanes, uint32_t sharp, const TexturePoints *points,
                         TexelSquares *squares) {
     _Alignas(64) float u[BLOCK_RAYS], v[BLOCK_RAYS];
-    int32_t width[BLOCK_RAYS] = {0}, height[BLOCK_RAYS] = {0}, column[BLOCK_RAYS], row[BLOCK_RAYS];
+    _Alignas(64) int32_t width[BLOCK_RAYS] = {0}, height[BLOCK_RAYS] = {0};
+    _Alignas(64) int32_t column[BLOCK_RAYS], row[BLOCK_RAYS];
     memcpy(u, points->u, sizeof u);
     memcpy(v, points->v, sizeof v);
-    for (uint32_t left = lanes; left; left &= left - 1) {
+    find_sides(from, level, lanes, width, height, squares->size);
+    for (uint32_t left = from->common && !from->common->sampling ? 0 : lanes; left;
+         left &= left - 1) {
         int lane = __builtin_ctz(left);
         const Texture *texture = texture_of(from, lane);
-        width[lane] = texture->levels[level[lane]].width;
-        height[lane] = texture->levels[level[lane]].height;
         if (__builtin_expect(texture->sampling, 0))
             adjust_coordinates(texture, level[lane], sharp >> lane & 1, &u[lane], &v[lane]);
     }
     find_texels(width, height, u, v, column, row, squares);
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        squares->stride[lane] = squares->size[lane] * (width[lane] + 2);
+    squares->bytes = 0;
     for (uint32_t left = lanes; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
-        const Texture *texture = texture_of(from, lane);
-        const TextureLevel *texels = texture->levels + level[lane];
-        int32_t size = texel_size(texture, texels), stride = size * (width[lane] + 2);
-        squares->stride[lane] = stride, squares->size[lane] = size;
-        squares->upper[lane] = place_texels(texels, size, stride, column[lane], row[lane]);
-        squares->light[lane] = texels->light;
+        const TextureLevel *texels = texture_of(from, lane)->levels + level[lane];
+        if (__builtin_expect(texels->light != NULL, 0)) {
+            squares->bytes |= 1u << lane, squares->light = texels->light;
+            squares->stride[lane] /= 2, squares->size[lane] /= 2;
+        }
+        squares->upper[lane] = place_texels(texels, squares->size[lane], squares->stride[lane],
+                                            column[lane], row[lane]);
     }
 }
 
 static Texel mix_lane(const TexelSquares *squares, int lane) {
-    TexelSquare square = {squares->upper[lane], squares->light[lane], squares->stride[lane],
-                          squares->size[lane],  squares->fx[lane],    squares->fy[lane]};
+    const float *light = squares->bytes >> lane & 1 ? squares->light : NULL;
+    TexelSquare square = {squares->upper[lane], light, squares->stride[lane],
+                          squares->size[lane], squares->fx[lane], squares->fy[lane]};
     return mix_texels(&square);
 }
 
@@ -166,11 +179,7 @@ void place_textures(const TextureChoice *from, const TexturePoints *points, uint
     uint32_t mixed = choose_levels(coarsest, points, lanes, level, placed->weight);
     uint32_t sharp = bits16(load_ints16(level) == 0) & ~mixed;
     placed->lanes = lanes, placed->mixed = mixed;
-    if (from->common && !from->common->sampling &&
-        bits16(load_ints16(level) == level[0]) == 0xffff)
-        place_alike(from->common, from->common->levels + level[0], points, &placed->fine);
-    else
-        place_block(from, level, lanes, sharp, points, &placed->fine);
+    place_block(from, level, lanes, sharp, points, &placed->fine);
     if (!mixed)
         return;
     store_ints16(load_ints16(level) - mask16(mixed), level);

@@ -8,9 +8,10 @@
 /* Texels around a block's points, by component. */
 typedef struct {
     const uint8_t *upper[BLOCK_RAYS];
-    const float *light[BLOCK_RAYS];
     _Alignas(64) int32_t stride[BLOCK_RAYS], size[BLOCK_RAYS];
     float fx[BLOCK_RAYS], fy[BLOCK_RAYS];
+    uint32_t bytes;     /* rays whose texels are bytes, of this light */
+    const float *light;
 } TexelSquares;
 
 /* What a block reads of textures: of `mixed` rays two levels. */

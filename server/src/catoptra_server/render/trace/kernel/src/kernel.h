@@ -140,7 +140,8 @@ typedef struct {
 typedef struct {
     int32_t width, height;         /* of the atlas */
     const uint8_t *texels;         /* (h, w), 255 = open */
-    const uint16_t *light;         /* (3, h, w) of colours instead, 65535 = open; or NULL */
+    /* (h, w, 3) of colours instead, 65535 = open, one readable number behind the last; or NULL */
+    const uint16_t *light;
     const int32_t *patch_of;       /* (n,) grid of each triangle; -1: open, or one factor */
     const OcclusionPatch *patches; /* (m,) */
     int32_t num_patches;           /* m */
