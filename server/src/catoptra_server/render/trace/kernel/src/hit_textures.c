@@ -45,6 +45,7 @@ static uint32_t find_facet_points(const FrameState *state, const RayBlock *rays,
     _Alignas(64) int32_t here[BLOCK_RAYS];
     store_ints16(mask16(mask), here);
     PlaneSteps steps = find_plane_steps(&plane, ray_steps, image);
+    set_images(texture_of_facet(state, object, triangle), load_ints16(here), points);
     Vec3 n = plane.normal, gu = scale((float)image->width, plane.u_gradient);
     Vec3 gv = scale((float)image->height, plane.v_gradient);
     for (int i = 0; i < BLOCK_RAYS; i++) {
@@ -105,27 +106,11 @@ static void find_texels(const int32_t width[BLOCK_RAYS], const int32_t height[BL
     }
 }
 
-/* Sides of the levels that some rays read, and bytes of a texel of 16-bit light. */
-static void find_sides(const TextureChoice *from, const int32_t level[BLOCK_RAYS], uint32_t lanes,
-                       int32_t width[BLOCK_RAYS], int32_t height[BLOCK_RAYS],
-                       int32_t size[BLOCK_RAYS]) {
-    const Texture *common = from->common;
-    if (common) {
-        Ints16 one = {0}, sides[2] = {one + common->levels->width, one + common->levels->height};
-        one += 1;
-        for (int i = 0; i < 2; i++) {
-            Ints16 halved = sides[i] >> load_ints16(level);
-            store_ints16(halved - (halved == 0), i ? height : width);
-        }
-        store_ints16(one * 2 * common->channels, size);
-        return;
-    }
-    for (; lanes; lanes &= lanes - 1) {
-        int lane = __builtin_ctz(lanes);
-        const TextureLevel *texels = from->own[lane]->levels + level[lane];
-        width[lane] = texels->width, height[lane] = texels->height;
-        size[lane] = 2 * from->own[lane]->channels;
-    }
+/* Sides of levels of images: each is half the one before, rounded down, and one at least. */
+static void halve_sides(const int32_t sides[BLOCK_RAYS], const int32_t level[BLOCK_RAYS],
+                        int32_t halved[BLOCK_RAYS]) {
+    Ints16 found = load_ints16(sides) >> load_ints16(level);
+    store_ints16(found - (found == 0), halved);
 }
 
 /* Texels of some rays of a block, each at a level of a texture of its own, requested from memory;
@@ -134,16 +119,17 @@ static void place_block(const TextureChoice *from, const int32_t level[BLOCK_RAY
                         uint32_t lanes, uint32_t sharp, const TexturePoints *points,
                         TexelSquares *squares) {
     _Alignas(64) float u[BLOCK_RAYS], v[BLOCK_RAYS];
-    _Alignas(64) int32_t width[BLOCK_RAYS] = {0}, height[BLOCK_RAYS] = {0};
+    _Alignas(64) int32_t width[BLOCK_RAYS], height[BLOCK_RAYS];
     _Alignas(64) int32_t column[BLOCK_RAYS], row[BLOCK_RAYS];
     memcpy(u, points->u, sizeof u);
     memcpy(v, points->v, sizeof v);
-    find_sides(from, level, lanes, width, height, squares->size);
-    for (uint32_t left = from->common && !from->common->sampling ? 0 : lanes; left;
-         left &= left - 1) {
+    memcpy(squares->size, points->size, sizeof points->size);
+    halve_sides(points->width, level, width);
+    halve_sides(points->height, level, height);
+    for (uint32_t left = from->is_special ? lanes : 0; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
         const Texture *texture = texture_of(from, lane);
-        if (__builtin_expect(texture->sampling, 0))
+        if (texture->sampling)
             adjust_coordinates(texture, level[lane], sharp >> lane & 1, &u[lane], &v[lane]);
     }
     find_texels(width, height, u, v, column, row, squares);
@@ -226,6 +212,7 @@ void read_hit_textures(const FrameState *state, const RayBlock *rays, const HitB
     for (uint32_t left = surface->textured; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
         from.own[lane] = texture_of_facet(state, hits->object[lane], hits->triangle[lane]);
+        from.is_special |= from.own[lane]->sampling;
     }
     PlacedTexels placed;
     place_textures(&from, &points, surface->textured, &placed);

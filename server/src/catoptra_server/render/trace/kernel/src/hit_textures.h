@@ -21,9 +21,10 @@ typedef struct PlacedTexels {
     float weight[BLOCK_RAYS];
 } PlacedTexels;
 
-/* One texture of all rays, or NULL and one of each. */
+/* One texture of all rays, or NULL and one of each; whether any has a sampling of its own. */
 typedef struct {
     const Texture *common, *own[BLOCK_RAYS];
+    int is_special;
 } TextureChoice;
 
 /* Find the texels of some rays by points whose footprints are measured, and request them from

@@ -62,7 +62,18 @@ typedef struct {
     _Alignas(64) float u[BLOCK_RAYS], v[BLOCK_RAYS];
     float squares[BLOCK_RAYS], area[BLOCK_RAYS]; /* of their footprints */
     float texels[BLOCK_RAYS];                    /* across their footprints */
+    int32_t width[BLOCK_RAYS], height[BLOCK_RAYS]; /* of the images */
+    int32_t size[BLOCK_RAYS];                      /* bytes of a texel of 16-bit light */
 } TexturePoints;
+
+/* Note the image that some rays meet. */
+static inline void set_images(const Texture *texture, Ints16 lanes, TexturePoints *points) {
+    int32_t values[3] = {texture->levels->width, texture->levels->height,
+                         texture->channels * (int32_t)sizeof(uint16_t)};
+    int32_t *targets[3] = {points->width, points->height, points->size};
+    for (int i = 0; i < 3; i++)
+        store_ints16((lanes & values[i]) | (~lanes & load_ints16(targets[i])), targets[i]);
+}
 
 /* Texels across all footprints; whether any is more than one. */
 static inline int measure_footprints(TexturePoints *points) {
