@@ -77,9 +77,10 @@ static void find_texture_points(const FrameState *state, const RayBlock *rays, c
 
 /* Levels of some rays, and the weights of the next coarser ones: 2^k (1 + weight) texels, by the
  * exponent and the fraction of the number itself. Bit mask of the rays that read two levels. */
-static uint32_t choose_levels(Ints16 coarsest, const TexturePoints *points, uint32_t lanes,
+static uint32_t choose_levels(const TexturePoints *points, uint32_t lanes,
                               int32_t level[BLOCK_RAYS], float weight[BLOCK_RAYS]) {
     Floats16 texels = load16(points->texels);
+    Ints16 coarsest = load_ints16(points->coarsest);
     Ints16 bits = (Ints16)texels, found = (bits >> 23) - 127;
     /* Also false for what is not a number, of a plane that holds the viewpoint. */
     Ints16 is_large = texels > splat16(1.0f), is_mixed = is_large & (found < coarsest);
@@ -157,12 +158,8 @@ static Texel mix_lane(const TexelSquares *squares, int lane) {
 
 void place_textures(const TextureChoice *from, const TexturePoints *points, uint32_t lanes,
                     PlacedTexels *placed) {
-    _Alignas(64) int32_t level[BLOCK_RAYS], last[BLOCK_RAYS] = {0};
-    Ints16 coarsest = {0};
-    for (uint32_t left = lanes; !from->common && left; left &= left - 1)
-        last[__builtin_ctz(left)] = from->own[__builtin_ctz(left)]->num_levels - 1;
-    coarsest = from->common ? coarsest + (from->common->num_levels - 1) : load_ints16(last);
-    uint32_t mixed = choose_levels(coarsest, points, lanes, level, placed->weight);
+    _Alignas(64) int32_t level[BLOCK_RAYS];
+    uint32_t mixed = choose_levels(points, lanes, level, placed->weight);
     uint32_t sharp = bits16(load_ints16(level) == 0) & ~mixed;
     placed->lanes = lanes, placed->mixed = mixed;
     place_block(from, level, lanes, sharp, points, &placed->fine);
