@@ -27,6 +27,7 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     FACET_CORNER_COLOURS,
     FACET_EMISSIVE,
     FACET_FILTERED,
+    FACET_GLOSSY,
     FACET_SMOOTH,
     FACET_TEXTURED,
     FACET_TWO_SIDED,
@@ -104,6 +105,8 @@ def scene_arrays(
         flags += scene.emission.any(axis=-1) * np.uint8(FACET_EMISSIVE)
     if scene.corner_normals is not None:
         flags += scene.is_smooth * np.uint8(FACET_SMOOTH)
+    if scene.gloss is not None:
+        flags += (scene.gloss[:, 0] > 0.0) * np.uint8(FACET_GLOSSY)
     if scene.two_sided is not None:
         flags += scene.two_sided * np.uint8(FACET_TWO_SIDED)
     filtered = _filter_members(scene, textures)

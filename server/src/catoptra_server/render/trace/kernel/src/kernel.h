@@ -20,6 +20,7 @@ enum {
     FACET_UNLIT = 1,
     FACET_TEXTURED = 2,
     FACET_CORNER_COLOURS = 4,
+    FACET_GLOSSY = 8,
     FACET_EMISSIVE = 16,
     FACET_SMOOTH = 32,    /* lit by normals between those at its corners */
     FACET_TWO_SIDED = 64, /* its back is lit by the opposite normal */
