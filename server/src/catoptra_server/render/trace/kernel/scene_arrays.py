@@ -27,6 +27,7 @@ from catoptra_server.render.trace.kernel.kernel_structs import (
     FACET_CORNER_COLOURS,
     FACET_EMISSIVE,
     FACET_FILTERED,
+    FACET_GLOSSY,
     FACET_SMOOTH,
     FACET_TEXTURED,
     FACET_TWO_SIDED,
@@ -104,6 +105,8 @@ def scene_arrays(
         flags += scene.emission.any(axis=-1) * np.uint8(FACET_EMISSIVE)
     if scene.corner_normals is not None:
         flags += scene.is_smooth * np.uint8(FACET_SMOOTH)
+    if scene.gloss is not None:
+        flags += (scene.gloss[:, 0] > 0.0) * np.uint8(FACET_GLOSSY)
     if scene.two_sided is not None:
         flags += scene.two_sided * np.uint8(FACET_TWO_SIDED)
     filtered = _filter_members(scene, textures)
@@ -401,18 +404,21 @@ def occlusion_struct(occlusion: OcclusionMap | None, centre: Floats) -> OwningSt
     is_constant, factors = occlusion.find_constants()
     patch_of = np.where(is_constant, np.int32(-1), occlusion.patch_of)
     constants = _float32(factors) if is_constant.any() else None
+    # Colours side by side, like a texture's: two lines of memory a ray, where planes are six.
+    nodes = np.moveaxis(occlusion.texels, 0, -1)
+    light = np.append(nodes, np.uint16(0)) if nodes.ndim == 3 else None
     struct = OcclusionStruct(
         width=width,
         height=height,
         texels=occlusion.texels.ctypes.data,
-        light=occlusion.texels.ctypes.data if occlusion.texels.ndim == 3 else None,
+        light=_address(light),
         patch_of=patch_of.ctypes.data,
         patches=ctypes.addressof(structs),
         num_patches=len(structs),
         dark_sums=sums.ctypes.data,
         flat_factors=None if constants is None else constants.ctypes.data,
     )
-    return OwningStruct(struct, (occlusion, structs, sums, patch_of, constants))
+    return OwningStruct(struct, (occlusion, structs, sums, patch_of, constants, light))
 
 
 def patch_structs(occlusion: OcclusionMap, centre: Floats) -> ctypes.Array[OcclusionPatchStruct]:

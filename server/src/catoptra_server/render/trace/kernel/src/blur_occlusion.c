@@ -42,7 +42,7 @@ static void find_factors_at(const Scene *scene, int32_t triangle, const AtlasRay
         columns[i] = atlas->first_column + (c.x * x + c.y * y + c.z * z) * distance;
         rows[i] = atlas->first_row + (r.x * x + r.y * y + r.z * z) * distance;
     }
-    find_factors(scene, triangle, columns, rows, factors);
+    find_factors(scene, triangle, 0xffff, columns, rows, factors);
 }
 
 void find_mean_factors(const Scene *scene, int32_t triangle, const OcclusionTimes *times,

@@ -126,7 +126,8 @@ void place_plane_texels(const FrameState *state, int32_t triangle, const FacetPl
     else
         find_coordinates(plane, rays, 0, texture->levels, &steps, &points);
     TextureChoice from;
-    from.common = texture;
+    from.common = texture, from.is_special = texture->sampling;
+    set_images(texture, (Ints16){0} - 1, &points);
     measure_footprints(&points);
     place_textures(&from, &points, 0xffff, placed);
 }

@@ -47,8 +47,7 @@ static inline const MeshArrays *mesh_of(const FrameState *state, int object) {
 
 /* Whether a facet of the static scene shows what it mirrors. */
 static inline int is_glossy(const FrameState *state, int32_t triangle) {
-    const float *gloss = state->scene->mesh->arrays.gloss;
-    return state->frame->has_gloss && gloss && gloss[2 * (size_t)triangle] > 0.0f;
+    return state->frame->has_gloss && state->scene->mesh->arrays.flags[triangle] & FACET_GLOSSY;
 }
 
 /* Whether the frame has coordinates of its own, because the scene's are too large for floats. */

@@ -169,15 +169,14 @@ static uint32_t find_gloss(const FrameState *state, const RayBlock *rays, const 
                            GlossBlock *gloss) {
     const MeshArrays *mesh = &state->scene->mesh->arrays;
     uint32_t lanes = 0, left = rays->active & bits16(load_ints16(hits->object) == OBJECT_STATIC);
-    if (!state->frame->has_gloss || !mesh->gloss)
-        return 0;
-    memset(gloss, 0, sizeof *gloss);
     for (uint32_t same; left; left &= ~same) {
         int lane = __builtin_ctz(left);
-        const float *own = mesh->gloss + 2 * (size_t)hits->triangle[lane];
         same = find_same(hits, lane) & left;
-        if (own[0] == 0.0f)
+        if (!is_glossy(state, hits->triangle[lane]))
             continue;
+        const float *own = mesh->gloss + 2 * (size_t)hits->triangle[lane];
+        if (!lanes)
+            memset(gloss, 0, sizeof *gloss);
         Ints16 chosen = mask16(same);
         store16(select16(chosen, splat16(own[0]), load16(gloss->reflectance)), gloss->reflectance);
         store16(select16(chosen, splat16(own[1]), load16(gloss->roughness)), gloss->roughness);
@@ -218,7 +217,7 @@ void add_gloss(const FrameState *state, const RayBlock *rays, const HitBlock *hi
                const float (*known)[BLOCK_RAYS], float radiance[3][BLOCK_RAYS], LostLight *lost) {
     GlossBlock gloss;
     /* A mirrored ray shows facets without their gloss. */
-    uint32_t lanes = state->mirror ? 0 : find_gloss(state, rays, hits, &gloss);
+    uint32_t lanes = state->mirror || !state->frame->has_gloss ? 0 : find_gloss(state, rays, hits, &gloss);
     if (!lanes)
         return;
     uint32_t seen = find_seen(state->frame, gloss.part, lanes, radiance);

@@ -45,6 +45,7 @@ static uint32_t find_facet_points(const FrameState *state, const RayBlock *rays,
     _Alignas(64) int32_t here[BLOCK_RAYS];
     store_ints16(mask16(mask), here);
     PlaneSteps steps = find_plane_steps(&plane, ray_steps, image);
+    set_images(texture_of_facet(state, object, triangle), load_ints16(here), points);
     Vec3 n = plane.normal, gu = scale((float)image->width, plane.u_gradient);
     Vec3 gv = scale((float)image->height, plane.v_gradient);
     for (int i = 0; i < BLOCK_RAYS; i++) {
@@ -76,9 +77,10 @@ static void find_texture_points(const FrameState *state, const RayBlock *rays, c
 
 /* Levels of some rays, and the weights of the next coarser ones: 2^k (1 + weight) texels, by the
  * exponent and the fraction of the number itself. Bit mask of the rays that read two levels. */
-static uint32_t choose_levels(Ints16 coarsest, const TexturePoints *points, uint32_t lanes,
+static uint32_t choose_levels(const TexturePoints *points, uint32_t lanes,
                               int32_t level[BLOCK_RAYS], float weight[BLOCK_RAYS]) {
     Floats16 texels = load16(points->texels);
+    Ints16 coarsest = load_ints16(points->coarsest);
     Ints16 bits = (Ints16)texels, found = (bits >> 23) - 127;
     /* Also false for what is not a number, of a plane that holds the viewpoint. */
     Ints16 is_large = texels > splat16(1.0f), is_mixed = is_large & (found < coarsest);
@@ -105,20 +107,11 @@ static void find_texels(const int32_t width[BLOCK_RAYS], const int32_t height[BL
     }
 }
 
-/* Texels of one level of a texture, around all rays of a block. */
-static void place_alike(const Texture *texture, const TextureLevel *level,
-                        const TexturePoints *points, TexelSquares *squares) {
-    _Alignas(64) int32_t width[BLOCK_RAYS], height[BLOCK_RAYS], column[BLOCK_RAYS], row[BLOCK_RAYS];
-    int32_t size = texel_size(texture, level), stride = size * (level->width + 2);
-    store_ints16((Ints16){0} + level->width, width);
-    store_ints16((Ints16){0} + level->height, height);
-    store_ints16((Ints16){0} + stride, squares->stride);
-    store_ints16((Ints16){0} + size, squares->size);
-    find_texels(width, height, points->u, points->v, column, row, squares);
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        squares->upper[lane] = place_texels(level, size, stride, column[lane], row[lane]);
-        squares->light[lane] = level->light;
-    }
+/* Sides of levels of images: each is half the one before, rounded down, and one at least. */
+static void halve_sides(const int32_t sides[BLOCK_RAYS], const int32_t level[BLOCK_RAYS],
+                        int32_t halved[BLOCK_RAYS]) {
+    Ints16 found = load_ints16(sides) >> load_ints16(level);
+    store_ints16(found - (found == 0), halved);
 }
 
 /* Texels of some rays of a block, each at a level of a texture of its own, requested from memory;
@@ -127,63 +120,83 @@ static void place_block(const TextureChoice *from, const int32_t level[BLOCK_RAY
                         uint32_t lanes, uint32_t sharp, const TexturePoints *points,
                         TexelSquares *squares) {
     _Alignas(64) float u[BLOCK_RAYS], v[BLOCK_RAYS];
-    int32_t width[BLOCK_RAYS] = {0}, height[BLOCK_RAYS] = {0}, column[BLOCK_RAYS], row[BLOCK_RAYS];
+    _Alignas(64) int32_t width[BLOCK_RAYS], height[BLOCK_RAYS];
+    _Alignas(64) int32_t column[BLOCK_RAYS], row[BLOCK_RAYS];
     memcpy(u, points->u, sizeof u);
     memcpy(v, points->v, sizeof v);
-    for (uint32_t left = lanes; left; left &= left - 1) {
+    memcpy(squares->size, points->size, sizeof points->size);
+    halve_sides(points->width, level, width);
+    halve_sides(points->height, level, height);
+    for (uint32_t left = from->is_special ? lanes : 0; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
         const Texture *texture = texture_of(from, lane);
-        width[lane] = texture->levels[level[lane]].width;
-        height[lane] = texture->levels[level[lane]].height;
-        if (__builtin_expect(texture->sampling, 0))
+        if (texture->sampling)
             adjust_coordinates(texture, level[lane], sharp >> lane & 1, &u[lane], &v[lane]);
     }
     find_texels(width, height, u, v, column, row, squares);
+    for (int lane = 0; lane < BLOCK_RAYS; lane++)
+        squares->stride[lane] = squares->size[lane] * (width[lane] + 2);
+    squares->bytes = 0;
     for (uint32_t left = lanes; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
-        const Texture *texture = texture_of(from, lane);
-        const TextureLevel *texels = texture->levels + level[lane];
-        int32_t size = texel_size(texture, texels), stride = size * (width[lane] + 2);
-        squares->stride[lane] = stride, squares->size[lane] = size;
-        squares->upper[lane] = place_texels(texels, size, stride, column[lane], row[lane]);
-        squares->light[lane] = texels->light;
+        const TextureLevel *texels = texture_of(from, lane)->levels + level[lane];
+        if (__builtin_expect(texels->light != NULL, 0)) {
+            squares->bytes |= 1u << lane, squares->light = texels->light;
+            squares->stride[lane] /= 2, squares->size[lane] /= 2;
+        }
+        squares->upper[lane] = place_texels(texels, squares->size[lane], squares->stride[lane],
+                                            column[lane], row[lane]);
     }
 }
 
 static Texel mix_lane(const TexelSquares *squares, int lane) {
-    TexelSquare square = {squares->upper[lane], squares->light[lane], squares->stride[lane],
-                          squares->size[lane],  squares->fx[lane],    squares->fy[lane]};
+    const float *light = squares->bytes >> lane & 1 ? squares->light : NULL;
+    TexelSquare square = {squares->upper[lane], light, squares->stride[lane],
+                          squares->size[lane], squares->fx[lane], squares->fy[lane]};
     return mix_texels(&square);
 }
 
 void place_textures(const TextureChoice *from, const TexturePoints *points, uint32_t lanes,
                     PlacedTexels *placed) {
-    _Alignas(64) int32_t level[BLOCK_RAYS], last[BLOCK_RAYS] = {0};
-    Ints16 coarsest = {0};
-    for (uint32_t left = lanes; !from->common && left; left &= left - 1)
-        last[__builtin_ctz(left)] = from->own[__builtin_ctz(left)]->num_levels - 1;
-    coarsest = from->common ? coarsest + (from->common->num_levels - 1) : load_ints16(last);
-    uint32_t mixed = choose_levels(coarsest, points, lanes, level, placed->weight);
+    _Alignas(64) int32_t level[BLOCK_RAYS];
+    uint32_t mixed = choose_levels(points, lanes, level, placed->weight);
     uint32_t sharp = bits16(load_ints16(level) == 0) & ~mixed;
     placed->lanes = lanes, placed->mixed = mixed;
-    if (from->common && !from->common->sampling &&
-        bits16(load_ints16(level) == level[0]) == 0xffff)
-        place_alike(from->common, from->common->levels + level[0], points, &placed->fine);
-    else
-        place_block(from, level, lanes, sharp, points, &placed->fine);
+    place_block(from, level, lanes, sharp, points, &placed->fine);
     if (!mixed)
         return;
     store_ints16(load_ints16(level) - mask16(mixed), level);
     place_block(from, level, mixed, 0, points, &placed->coarse);
 }
 
+static void mix_lanes(const TexelSquares *squares, uint32_t lanes, Texel colours[BLOCK_RAYS]) {
+    for (; lanes; lanes &= lanes - 1)
+        colours[__builtin_ctz(lanes)] = mix_lane(squares, __builtin_ctz(lanes));
+}
+
 void mix_textures(const PlacedTexels *placed, float colours[3][BLOCK_RAYS]) {
-    for (uint32_t left = placed->lanes; left; left &= left - 1) {
+    Texel mixed[BLOCK_RAYS], coarse[BLOCK_RAYS];
+    for (int lane = 0; placed->lanes != 0xffff && lane < BLOCK_RAYS; lane++)
+        mixed[lane] = (Texel){1, 1, 1, 1};
+    /* One level of all rays, then the other: which rays read two, no processor predicts. */
+    mix_lanes(&placed->fine, placed->lanes, mixed);
+    mix_lanes(&placed->coarse, placed->mixed, coarse);
+    for (uint32_t left = placed->mixed; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
-        Texel colour = mix_lane(&placed->fine, lane);
-        if (placed->mixed >> lane & 1)
-            colour += placed->weight[lane] * (mix_lane(&placed->coarse, lane) - colour);
-        set_lane(colours, lane, (Vec3){colour[0], colour[1], colour[2]});
+        mixed[lane] += placed->weight[lane] * (coarse[lane] - mixed[lane]);
+    }
+    for (int lane = 0; lane < BLOCK_RAYS; lane += 4) {
+        const Texel *at = mixed + lane;
+        Texel low[2], high[2], channel[3];
+        for (int i = 0; i < 2; i++) {
+            low[i] = __builtin_shufflevector(at[2 * i], at[2 * i + 1], 0, 4, 1, 5);
+            high[i] = __builtin_shufflevector(at[2 * i], at[2 * i + 1], 2, 6, 3, 7);
+        }
+        channel[0] = __builtin_shufflevector(low[0], low[1], 0, 1, 4, 5);
+        channel[1] = __builtin_shufflevector(low[0], low[1], 2, 3, 6, 7);
+        channel[2] = __builtin_shufflevector(high[0], high[1], 0, 1, 4, 5);
+        for (int i = 0; i < 3; i++)
+            memcpy(colours[i] + lane, &channel[i], sizeof channel[i]);
     }
 }
 
@@ -196,8 +209,8 @@ void read_hit_textures(const FrameState *state, const RayBlock *rays, const HitB
     for (uint32_t left = surface->textured; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
         from.own[lane] = texture_of_facet(state, hits->object[lane], hits->triangle[lane]);
+        from.is_special |= from.own[lane]->sampling;
     }
-    set_lanes(colours, ~surface->textured, (Vec3){1, 1, 1});
     PlacedTexels placed;
     place_textures(&from, &points, surface->textured, &placed);
     mix_textures(&placed, colours);

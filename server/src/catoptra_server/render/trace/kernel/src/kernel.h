@@ -20,6 +20,7 @@ enum {
     FACET_UNLIT = 1,
     FACET_TEXTURED = 2,
     FACET_CORNER_COLOURS = 4,
+    FACET_GLOSSY = 8,
     FACET_EMISSIVE = 16,
     FACET_SMOOTH = 32,    /* lit by normals between those at its corners */
     FACET_TWO_SIDED = 64, /* its back is lit by the opposite normal */
@@ -142,7 +143,8 @@ typedef struct {
 typedef struct {
     int32_t width, height;         /* of the atlas */
     const uint8_t *texels;         /* (h, w), 255 = open */
-    const uint16_t *light;         /* (3, h, w) of colours instead, 65535 = open; or NULL */
+    /* (h, w, 3) of colours instead, 65535 = open, one readable number behind the last; or NULL */
+    const uint16_t *light;
     const int32_t *patch_of;       /* (n,) grid of each triangle; -1: open, or one factor */
     const OcclusionPatch *patches; /* (m,) */
     int32_t num_patches;           /* m */

@@ -159,7 +159,7 @@ int fill_occluded_tile(const FrameState *state, int tile, const TileContent *con
     int is_near = are_near(columns, rows), is_filled = is_near && is_fillable(state, content, &light);
     if (!is_filled && !(is_near && is_light))
         return 0;
-    find_factors(state->scene, triangle, columns, rows, factors);
+    find_factors(state->scene, triangle, 0xffff, columns, rows, factors);
     Vec3 normal = vec3(state->scene->mesh->arrays.normals + 3 * (size_t)triangle);
     if (content->is_shaded &&
         find_open_parts(state, 0xffff, (const float(*)[BLOCK_RAYS])points, normal, parts))

@@ -4,6 +4,7 @@
 #include "occlusion.h"
 
 #include "body_shade.h"
+#include "hit_textures.h"
 #include "lanes.h"
 #include "measures.h"
 #include "pixels.h"
@@ -39,81 +40,67 @@ static inline int32_t find_node(float position, int32_t first, int32_t last, flo
     return node;
 }
 
-/* Value between four nodes of numbers up to `open`; most are open. */
-#define DEFINE_MIX(NAME, TYPE, OPEN)                                                               \
-    static inline float NAME(const TYPE *upper, int32_t width, float fx, float fy) {               \
-        const TYPE *lower = upper + width;                                                         \
-        if ((upper[0] & upper[1] & lower[0] & lower[1]) == OPEN)                                   \
-            return 1.0f;                                                                           \
-        float a = upper[0], b = upper[1], c = lower[0], d = lower[1];                              \
-        float top = a + fx * (b - a), bottom = c + fx * (d - c);                                   \
-        return (top + fy * (bottom - top)) * (1.0f / OPEN);                                        \
-    }
-
-DEFINE_MIX(mix_bytes, uint8_t, 255)
-DEFINE_MIX(mix_shorts, uint16_t, 65535)
+/* Value between four nodes; most are open. */
+static float mix_bytes(const uint8_t *upper, int32_t width, float fx, float fy) {
+    const uint8_t *lower = upper + width;
+    if ((upper[0] & upper[1] & lower[0] & lower[1]) == 255)
+        return 1.0f;
+    float a = upper[0], b = upper[1], c = lower[0], d = lower[1];
+    float top = a + fx * (b - a), bottom = c + fx * (d - c);
+    return (top + fy * (bottom - top)) * (1.0f / 255.0f);
+}
 
 /* Two nodes side by side: the first in the low half. */
 static inline uint32_t load_bytes(const uint8_t *texels) {
     return texels[0] | (uint32_t)texels[1] << 8;
 }
 
-static inline uint32_t load_shorts(const uint16_t *texels) {
-    return texels[0] | (uint32_t)texels[1] << 16;
-}
-
-static inline float mix_pair(uint32_t pair, int bits, float share) {
-    float first = (float)(int32_t)(pair & ((1u << bits) - 1u)), second = (float)(int32_t)(pair >> bits);
+static inline float mix_pair(uint32_t pair, float share) {
+    float first = (float)(int32_t)(pair & 255), second = (float)(int32_t)(pair >> 8);
     return first + share * (second - first);
 }
 
 /* All vector code. */
 static inline void mix_pairs(const uint32_t upper[BLOCK_RAYS], const uint32_t lower[BLOCK_RAYS],
-                             int bits, const float fx[BLOCK_RAYS], const float fy[BLOCK_RAYS],
+                             const float fx[BLOCK_RAYS], const float fy[BLOCK_RAYS],
                              float factors[BLOCK_RAYS]) {
-    uint32_t open = 0xffffffffu >> (32 - 2 * bits);
-    float unit = bits == 8 ? 1.0f / 255.0f : 1.0f / 65535.0f;
     for (int i = 0; i < BLOCK_RAYS; i++) {
-        float top = mix_pair(upper[i], bits, fx[i]);
-        factors[i] = (top + fy[i] * (mix_pair(lower[i], bits, fx[i]) - top)) * unit;
+        float top = mix_pair(upper[i], fx[i]);
+        factors[i] = (top + fy[i] * (mix_pair(lower[i], fx[i]) - top)) * (1.0f / 255.0f);
     }
     /* A product with 1 / 255 need not be 1. */
     for (int i = 0; i < BLOCK_RAYS; i++)
-        factors[i] = (upper[i] & lower[i]) == open ? 1.0f : factors[i];
+        factors[i] = (upper[i] & lower[i]) == 0xffff ? 1.0f : factors[i];
 }
 
-static size_t plane_size(const Occlusion *occlusion) {
-    return (size_t)occlusion->width * (size_t)occlusion->height;
-}
-
-static void mix_light(const Occlusion *occlusion, const int32_t node[BLOCK_RAYS],
-                      const float fx[BLOCK_RAYS], const float fy[BLOCK_RAYS],
-                      float factors[3][BLOCK_RAYS]) {
-    _Alignas(64) uint32_t upper[BLOCK_RAYS], lower[BLOCK_RAYS];
-    int32_t width = occlusion->width;
-    for (int channel = 0; channel < 3; channel++) {
-        const uint16_t *plane = occlusion->light + (size_t)channel * plane_size(occlusion);
-        for (int i = 0; i < BLOCK_RAYS; i++) {
-            upper[i] = load_shorts(plane + node[i]);
-            lower[i] = load_shorts(plane + node[i] + width);
-        }
-        mix_pairs(upper, lower, 16, fx, fy, factors[channel]);
+/* Baked light of some rays, around nodes like a texture's texels; white for the others. */
+static void mix_light(const Occlusion *occlusion, uint32_t lanes, const int32_t node[BLOCK_RAYS],
+                      PlacedTexels *placed, float factors[3][BLOCK_RAYS]) {
+    TexelSquares *squares = &placed->fine;
+    placed->lanes = lanes, placed->mixed = squares->bytes = 0;
+    for (int i = 0; i < BLOCK_RAYS; i++) {
+        squares->size[i] = 3 * (int32_t)sizeof(uint16_t);
+        squares->stride[i] = squares->size[i] * occlusion->width;
+        squares->upper[i] = (const uint8_t *)(occlusion->light + 3 * (size_t)node[i]);
     }
+    mix_textures(placed, factors);
 }
 
-void find_factors(const Scene *scene, int32_t triangle, const float columns[BLOCK_RAYS],
-                  const float rows[BLOCK_RAYS], float factors[3][BLOCK_RAYS]) {
+void find_factors(const Scene *scene, int32_t triangle, uint32_t lanes,
+                  const float columns[BLOCK_RAYS], const float rows[BLOCK_RAYS],
+                  float factors[3][BLOCK_RAYS]) {
     const Occlusion *occlusion = &scene->occlusion;
     const OcclusionPatch *patch = patch_of(scene, triangle);
     int32_t width = occlusion->width;
+    PlacedTexels placed;
+    float *fx = placed.fine.fx, *fy = placed.fine.fy;
     _Alignas(64) int32_t node[BLOCK_RAYS];
     _Alignas(64) uint32_t upper[BLOCK_RAYS], lower[BLOCK_RAYS];
-    _Alignas(64) float fx[BLOCK_RAYS], fy[BLOCK_RAYS];
     for (int i = 0; i < BLOCK_RAYS; i++)
         node[i] = find_node(rows[i], patch->top, patch->bottom, &fy[i]) * width +
                   find_node(columns[i], patch->left, patch->right, &fx[i]);
     if (occlusion->light) {
-        mix_light(occlusion, node, fx, fy, factors);
+        mix_light(occlusion, lanes, node, &placed, factors);
         return;
     }
     for (int i = 0; i < BLOCK_RAYS; i++) {
@@ -121,27 +108,19 @@ void find_factors(const Scene *scene, int32_t triangle, const float columns[BLOC
         upper[i] = load_bytes(texels);
         lower[i] = load_bytes(texels + width);
     }
-    mix_pairs(upper, lower, 8, fx, fy, factors[0]);
+    mix_pairs(upper, lower, fx, fy, factors[0]);
     memcpy(factors[1], factors[0], sizeof factors[0]);
     memcpy(factors[2], factors[0], sizeof factors[0]);
 }
 
-static Vec3 factor_at(const Scene *scene, const OcclusionPatch *patch, Vec3 point) {
+static float factor_at(const Scene *scene, const OcclusionPatch *patch, Vec3 point) {
     const Occlusion *occlusion = &scene->occlusion;
     float fx, fy;
     int32_t left =
         find_node(atlas_coordinate(patch->column, point), patch->left, patch->right, &fx);
     int32_t top = find_node(atlas_coordinate(patch->row, point), patch->top, patch->bottom, &fy);
     size_t node = (size_t)top * (size_t)occlusion->width + (size_t)left;
-    if (!occlusion->light) {
-        float factor = mix_bytes(occlusion->texels + node, occlusion->width, fx, fy);
-        return (Vec3){factor, factor, factor};
-    }
-    const uint16_t *red = occlusion->light + node;
-    const uint16_t *green = red + plane_size(occlusion), *blue = green + plane_size(occlusion);
-    return (Vec3){mix_shorts(red, occlusion->width, fx, fy),
-                  mix_shorts(green, occlusion->width, fx, fy),
-                  mix_shorts(blue, occlusion->width, fx, fy)};
+    return mix_bytes(occlusion->texels + node, occlusion->width, fx, fy);
 }
 
 /* Node before a coordinate, within a grid. */
@@ -260,18 +239,18 @@ static void place_ends(const float row[4], const float ends[3][BLOCK_RAYS], uint
     }
 }
 
-/* Factors of a mask of rays that meet a facet, one by one; 0 if all are 1. */
+/* Factors of a mask of rays that meet a facet, bytes, one by one; 0 if all are 1. */
 static int find_few_factors(const Scene *scene, uint32_t mask, int32_t triangle,
                             const float ends[3][BLOCK_RAYS], float factors[3][BLOCK_RAYS]) {
     const OcclusionPatch *patch = patch_of(scene, triangle);
     int is_dark = 0;
     for (; mask; mask &= mask - 1) {
         int lane = __builtin_ctz(mask);
-        Vec3 factor = factor_at(scene, patch, get_lane(ends, lane));
-        set_lane(factors, lane, factor);
-        is_dark |= factor.x < 1.0f || factor.y < 1.0f || factor.z < 1.0f;
+        float factor = factor_at(scene, patch, get_lane(ends, lane));
+        set_lane(factors, lane, (Vec3){factor, factor, factor});
+        is_dark |= factor < 1.0f;
     }
-    return is_dark || scene->occlusion.light;
+    return is_dark;
 }
 
 /* The same, all 16 at once. */
@@ -281,7 +260,7 @@ static int find_many_factors(const Scene *scene, uint32_t mask, int32_t triangle
     _Alignas(64) float columns[BLOCK_RAYS], rows[BLOCK_RAYS];
     place_ends(patch->column, ends, mask, columns);
     place_ends(patch->row, ends, mask, rows);
-    find_factors(scene, triangle, columns, rows, factors);
+    find_factors(scene, triangle, mask, columns, rows, factors);
     if (scene->occlusion.light)
         return 1;
     float least, largest;
@@ -327,7 +306,8 @@ static void hide_sky_from_facet(const FrameState *state, uint32_t mask, uint32_t
     const Scene *scene = state->scene;
     _Alignas(64) float factors[3][BLOCK_RAYS] = {{0}}, parts[BLOCK_RAYS], sky[3][BLOCK_RAYS];
     Vec3 normal = vec3(scene->mesh->arrays.normals + 3 * (size_t)triangle);
-    int is_few = __builtin_popcount(mask) <= MAX_FEW, is_dark = 0;
+    int is_dark = 0;
+    int is_few = !scene->occlusion.light && __builtin_popcount(mask) <= MAX_FEW;
     int is_shaded = state->frame->shades && find_open_parts(state, mask, ends, normal, parts);
     if (has_occlusion(scene, triangle))
         is_dark = is_few ? find_few_factors(scene, mask, triangle, ends, factors)
@@ -374,7 +354,7 @@ void hide_sky_in_block(const FrameState *state, int32_t triangle, const RayBlock
     _Alignas(64) float columns[BLOCK_RAYS], rows[BLOCK_RAYS], factors[3][BLOCK_RAYS];
     if (!known) {
         find_positions(state, triangle, rays, columns, rows);
-        find_factors(state->scene, triangle, columns, rows, factors);
+        find_factors(state->scene, triangle, 0xffff, columns, rows, factors);
     }
     if (known)
         spread_pixels(state, rays, known, factors);

@@ -26,10 +26,11 @@ static inline float atlas_coordinate(const float row[4], Vec3 point) {
     return row[0] * point.x + row[1] * point.y + row[2] * point.z + row[3];
 }
 
-/* Factors of each colour at 16 positions in the atlas on a facet's grid; beside the grid, those of
- * its border. */
-void find_factors(const Scene *scene, int32_t triangle, const float columns[BLOCK_RAYS],
-                  const float rows[BLOCK_RAYS], float factors[3][BLOCK_RAYS]);
+/* Factors of each colour at 16 positions in the atlas on a facet's grid, of some rays at least;
+ * beside the grid, those of its border. */
+void find_factors(const Scene *scene, int32_t triangle, uint32_t lanes,
+                  const float columns[BLOCK_RAYS], const float rows[BLOCK_RAYS],
+                  float factors[3][BLOCK_RAYS]);
 
 /* Open: all points have the factor 1. Hidden: no part of it is open. */
 SkyView find_sky_view(const Scene *scene, int32_t triangle, const Vec3 corners[4]);

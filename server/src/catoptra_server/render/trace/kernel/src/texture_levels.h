@@ -62,7 +62,19 @@ typedef struct {
     _Alignas(64) float u[BLOCK_RAYS], v[BLOCK_RAYS];
     float squares[BLOCK_RAYS], area[BLOCK_RAYS]; /* of their footprints */
     float texels[BLOCK_RAYS];                    /* across their footprints */
+    int32_t width[BLOCK_RAYS], height[BLOCK_RAYS]; /* of the images */
+    int32_t coarsest[BLOCK_RAYS];                  /* of their levels */
+    int32_t size[BLOCK_RAYS];                      /* bytes of a texel of 16-bit light */
 } TexturePoints;
+
+/* Note the image that some rays meet. */
+static inline void set_images(const Texture *texture, Ints16 lanes, TexturePoints *points) {
+    int32_t values[4] = {texture->levels->width, texture->levels->height, texture->num_levels - 1,
+                         texture->channels * (int32_t)sizeof(uint16_t)};
+    int32_t *targets[4] = {points->width, points->height, points->coarsest, points->size};
+    for (int i = 0; i < 4; i++)
+        store_ints16((lanes & values[i]) | (~lanes & load_ints16(targets[i])), targets[i]);
+}
 
 /* Texels across all footprints; whether any is more than one. */
 static inline int measure_footprints(TexturePoints *points) {

@@ -715,32 +715,71 @@ int is_single_radiance(const FrameState *state, int tile, const TileContent *con
            find_single_radiance(state, content, &light, &entry);
 }
 
-/* Draw a tile of one radiance times a texture; 0 if it has several, or more is wanted of it. */
-static int fill_textured_tile(const FrameState *state, int tile, const TileContent *content) {
+/* Texels of so many blocks are on their way while those of an earlier one are mixed: a tile of 2 x 2
+ * samples at once. */
+enum { PLACED_BLOCKS = 4 };
+
+/* Sums of a facet's texture over the samples of a tile's pixels. */
+static void sum_texels(const FrameState *state, int tile, const TileContent *content,
+                       PixelSums *sums) {
     int blocks = state->rays->samples * state->rays->samples;
-    PlaneLight light;
-    PixelSums sums;
-    if (content->triangle < 0 || state->plan || state->frame->inverse_range || has_fog(state) ||
-        !may_fill(state, tile, content) || is_glossy(state, content->triangle) ||
-        !(state->scene->mesh->arrays.flags[content->triangle] & FACET_TEXTURED) ||
-        !(content->is_open || !has_occlusion(state->scene, content->triangle)) ||
-        !find_plane_light(state, content->triangle, content->proof, &light) ||
-        (finds_shadow_change(state) && max_abs(light.lost) > 0.0f))
-        return 0;
-    /* The texels of a block are on their way while those of the one before are mixed. */
-    PlacedTexels placed[2];
-    for (int block = 0; block <= blocks; block++) {
-        _Alignas(64) float radiance[3][BLOCK_RAYS];
+    PlacedTexels placed[PLACED_BLOCKS];
+    for (int block = 0; block < blocks + PLACED_BLOCKS - 1; block++) {
+        int before = block - (PLACED_BLOCKS - 1);
+        _Alignas(64) float colours[3][BLOCK_RAYS];
         if (block < blocks) {
             RayBlock rays;
             load_block(state, (size_t)tile * (size_t)blocks + (size_t)block, &rays);
-            place_plane_texels(state, content->triangle, content->plane, &rays, &placed[block & 1]);
+            place_plane_texels(state, content->triangle, content->plane, &rays,
+                               &placed[block % PLACED_BLOCKS]);
         }
-        if (block == 0)
+        if (before < 0 || before >= blocks)
             continue;
-        light_texels(&placed[(block - 1) & 1], light.radiance, radiance);
-        add_samples(state, block - 1, 0xffff, radiance, &sums);
+        mix_textures(&placed[before % PLACED_BLOCKS], colours);
+        add_samples(state, before, 0xffff, colours, sums);
     }
+}
+
+/* Light of a textured tile: sums of texels times one light, and that without shadows; less, of the
+ * sky's light, what factors of the pixels take. */
+static void light_sums(const FrameState *state, const TileContent *content, const PlaneLight *light,
+                       const PixelSums *texels, PixelSums *sums, PixelSums *unshadowed) {
+    const float *ambient = state->scene->ambient_radiance + 3 * (size_t)content->triangle;
+    float whole[3] = {light->radiance.x, light->radiance.y, light->radiance.z};
+    float lost[3] = {light->lost.x, light->lost.y, light->lost.z};
+    float part = 1.0f / (float)(state->rays->samples * state->rays->samples);
+    _Alignas(64) float lit[3][BLOCK_RAYS], sky[3][BLOCK_RAYS];
+    for (int channel = 0; channel < 3; channel++) {
+        Floats16 sum = load16(texels->sum[channel]), here = splat16(whole[channel]);
+        if (content->factors)
+            here -= (1.0f - load16(content->factors[channel])) * ambient[channel];
+        store16(sum * here, sums->sum[channel]);
+        store16(sum * (here + lost[channel]), unshadowed->sum[channel]);
+        store16(part * load16(sums->sum[channel]), lit[channel]);
+        store16(part * ambient[channel] * sum, sky[channel]);
+    }
+    if (content->factors)
+        note_light(state, content->triangle, 0xffff, (const float(*)[BLOCK_RAYS])lit,
+                   (const float(*)[BLOCK_RAYS])sky, content->factors);
+}
+
+/* Draw a tile of one radiance, with factors of its pixels, times a texture; 0 if it has several, or
+ * more is wanted of it. */
+static int fill_textured_tile(const FrameState *state, int tile, const TileContent *content) {
+    PlaneLight light;
+    PixelSums texels, sums, unshadowed;
+    if (content->triangle < 0 || state->plan || state->frame->inverse_range || has_fog(state) ||
+        !may_fill(state, tile, content) || is_glossy(state, content->triangle) ||
+        !(state->scene->mesh->arrays.flags[content->triangle] & FACET_TEXTURED) ||
+        !(content->factors ||
+          (!content->is_shaded &&
+           (content->is_open || !has_occlusion(state->scene, content->triangle)))) ||
+        !find_plane_light(state, content->triangle, content->proof, &light))
+        return 0;
+    sum_texels(state, tile, content, &texels);
+    light_sums(state, content, &light, &texels, &sums, &unshadowed);
+    if (state->frame->measures_shadows && max_abs(light.lost) > 0.0f)
+        note_changes(state, tile, &state->measures->shadow, &sums, &unshadowed);
     write_pixels(state, tile, &sums);
     return 1;
 }
@@ -811,7 +850,7 @@ void render_tile(const FrameState *state, int tile, const TileContent *content) 
     TileLabels labels;
     _Alignas(64) float mirrored[3][BLOCK_RAYS];
     /* What shadows take of mirrored light is measured by samples. */
-    int measures_lost = state->frame->measures_shadows && state->frame->has_shadows;
+    int measures_lost = finds_shadow_change(state);
     if (!state->is_rolling && !measures_lost && content->triangle >= 0 &&
         content->object == OBJECT_NONE && is_wholly_valid(state, tile) &&
         is_glossy(state, content->triangle) &&
