@@ -234,6 +234,18 @@ def point_light_without_guard(
     return (cosine / distance**2)[:, None] * np.asarray(lights[0].intensity)
 
 
+def march_in_squares(radius: Floats, cosine: Floats, steps: int) -> tuple[Floats, Floats, Floats]:
+    """Steps that grow as squares, their middles for all of them, through the ground."""
+    middle = -radius * cosine
+    far = middle + np.sqrt(middle * middle - radius * radius + 6.471e6**2)
+    bounds = np.square(np.linspace(0.0, 1.0, steps + 1))
+    distance = 0.5 * (bounds[1:] + bounds[:-1]) * far[..., None]
+    squares = np.square(radius)[..., None] + distance * (distance - 2.0 * middle[..., None])
+    height = np.maximum(np.sqrt(squares) - 6.371e6, 0.0)[..., None]
+    lengths = (np.diff(bounds) * far[..., None])[..., None]
+    return distance, np.exp(-height / (8e3, 1.2e3)) * lengths, np.zeros(radius.shape, bool)
+
+
 RATIO, SHAPE = f"{HYPERBOLIC}.radius_ratio_from_t", f"{HYPERBOLIC}.surface_point"
 INVERSE, SLOPE = f"{HYPERBOLIC}.t_from_radius_ratio", f"{HYPERBOLIC}.radius_ratio_slope"
 PIXEL, RAY = f"{CAMERA}.pixel_from_direction", f"{CAMERA}.direction_from_pixel"
@@ -283,6 +295,7 @@ MUTATIONS = [
     Mutation("the power alone, unclipped", "light", ENCODE, encode_without_clip),
     Mutation("a mean of encoded samples", "light", PIXELS, average_encoded),
     Mutation("a clip before the mean", "light", PIXELS, average_clipped),
+    Mutation("even squares", "light", "catoptra_server.world.sky._march", march_in_squares),
     Mutation(
         "a point light's inverse square unguarded", "light", POINT_LIGHT, point_light_without_guard
     ),

@@ -1,4 +1,4 @@
-"""Light: ends of the sRGB curve, sums of samples, point lights near and far, closed rooms."""
+"""Light: the sRGB curve, sums of samples, point lights, closed rooms, boxes, the sun."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from catoptra_server.render.trace.reference import reference_engine as ray_batch
 from catoptra_server.world import shading
 from catoptra_server.world import world_description as colour
 from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.sky import SkyDescription, compute_sunlight
 from catoptra_server.world.world_description import Box, Item, Material, PointLight, World
 
 
@@ -79,7 +80,13 @@ def _box_above(distance_m: float, half_x_m: float, half_y_m: float) -> float:
     return float(shading.box_form_factors(place, up, half)[0])
 
 
+def _sunlight(elevation_deg: float, turbidity: float) -> Floats:
+    """(3,) irradiance of a sky's sun."""
+    return compute_sunlight(SkyDescription(math.radians(elevation_deg), 0.0, turbidity))
+
+
 SUBJECTS = {
+    "sunlight": _sunlight,
     "furnace": _furnace,
     "box_beside": _box_beside,
     "box_above": _box_above,
