@@ -1,9 +1,8 @@
 /** What the scene calls for: what each image effect changes, its cost, on or left out; forced. */
 
 import { Bar, format, LogScale } from "../bars.js";
-import { bodyOf, drawOnDemand, make, makeButton, setText, toolsOf } from "../panel.js";
+import { bodyOf, make, makeButton, setText, showOnDemand, toolsOf } from "../panel.js";
 
-const INTERVAL_MS = 250;
 // Changes in units of their thresholds: the mark is the same for all effects.
 const RATIO = new LogScale(1e-3, 1e3);
 /** Modes in the order of clicks; the first is that of the camera itself. */
@@ -17,14 +16,13 @@ const SCALE =
 /** Create the panel. */
 export function create(section, context) {
   const panel = new EffectsPanel(section, context);
-  const requestDraw = drawOnDemand(section, () => panel.update());
-  for (const event of ["frame", "variant"]) context.on(event, requestDraw);
+  context.on("frame", showOnDemand(section, () => panel.update()));
+  context.on("variant", () => panel.update());
 }
 
 class EffectsPanel {
   #context;
   #rows = new Map();
-  #drawn_ms = -INTERVAL_MS;
   #list = make("ul", { className: "effects", hidden: true });
   #hint = make("p", { className: "quiet" }, "Waiting for a picture.");
   #total = make("span", { className: "quiet" });
@@ -35,11 +33,10 @@ class EffectsPanel {
     bodyOf(section).append(this.#list, this.#hint);
   }
 
-  /** Show the decisions of the newest frame, slowly enough to be read. */
+  /** Show the decisions of the newest frame. */
   update() {
     const { frame, variant } = this.#context;
-    if (frame === null || performance.now() - this.#drawn_ms < INTERVAL_MS) return;
-    this.#drawn_ms = performance.now();
+    if (frame === null) return;
     const { effects } = frame.header;
     this.#list.hidden = effects.length === 0;
     setText(this.#hint, effects.length === 0 ? NO_EFFECTS : SCALE);
@@ -57,7 +54,6 @@ class EffectsPanel {
     const mode = MODES[(MODES.indexOf(effects[name] ?? MODES[0]) + 1) % MODES.length];
     const { [name]: _, ...others } = effects;
     const chosen = mode === MODES[0] ? others : { ...others, [name]: mode };
-    this.#drawn_ms = -INTERVAL_MS;
     this.#context.setVariant({ effects: Object.keys(chosen).length ? chosen : null });
   }
 
