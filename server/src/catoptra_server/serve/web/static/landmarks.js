@@ -68,15 +68,21 @@ export function drawMark(pen, x, y, status, radius = 6) {
   pen.restore();
 }
 
-/**
- * Draw the marks and names of landmarks {x, y, status, name}: a name beside its mark where there is
- * room in the width of the view, and none where it would cover another.
- */
+/** Draw the marks and names of landmarks {x, y, status, name}. */
 export function drawLandmarks(pen, places, width) {
   for (const { x, y, status } of places) drawMark(pen, x, y, status);
   pen.font = LABEL_FONT;
-  const taken = [];
-  for (const { x, y, name } of places) {
+  placeNames(pen, places, width, ({ name, y }, left) => drawLabel(pen, name, left, y));
+}
+
+/**
+ * Draw the names of places {x, y, name} by draw(place, left): beside the mark where there is room in
+ * the width of the view, and none where it would cover another name or mark.
+ */
+export function placeNames(pen, places, width, draw) {
+  const taken = places.map(({ x, y }) => ({ left: x - 5, right: x + 5, y }));
+  for (const place of places) {
+    const { x, y, name } = place;
     const length = pen.measureText(name).width;
     const left = [x + LABEL_GAP, x - LABEL_GAP - length].find((start) => {
       const isInside = start >= 0 && start + length <= width;
@@ -84,7 +90,7 @@ export function drawLandmarks(pen, places, width) {
     });
     if (left === undefined) continue;
     taken.push({ left, right: left + length, y });
-    drawLabel(pen, name, left, y);
+    draw(place, left);
   }
 }
 

@@ -87,11 +87,11 @@ class EffectRow {
     const value = change ?? bound;
     const ratio = threshold > 0 ? value / threshold : value * RATIO.high;
     this.#bar.set(RATIO.fractionOf(ratio), enabled);
-    // Of an effect that the largest change decides nobody counts the pixels.
+    // Pixels are not counted where the largest change decides.
     const isCounted = visible_share > 0 && visible_share < 1;
     const share = isCounted ? ` in ${format(Number((100 * visible_share).toPrecision(2)))} %` : "";
-    const verb = change === null ? "at most" : "changes";
-    setText(this.#change, `${verb} ${format(Number(value.toPrecision(2)))} levels${share}`);
+    const limit = change === null ? "\u2264 " : "";
+    setText(this.#change, `${limit}${format(Number(value.toPrecision(2)))} levels${share}`);
     setText(this.#duration, duration_ms === null ? "" : `${duration_ms.toFixed(duration_ms < 1 ? 2 : 1)} ms`);
     setText(this.#decision, enabled ? "on" : "left out");
     this.node.classList.toggle("off", !enabled);
