@@ -120,5 +120,5 @@ function nameOf({ polygons, samples, max_error_px, budget_ms }) {
 function numbersOf(header) {
   const { error_bound_px } = header;
   const bound = error_bound_px === null ? "no bound" : `at most ${format(error_bound_px)} px off`;
-  return `${bound}, ${format(durationOf(header))} ms`;
+  return `${bound}, ${format(durationOf(header))} ms a picture`;
 }

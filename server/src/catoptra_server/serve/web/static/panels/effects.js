@@ -46,7 +46,7 @@ class EffectsPanel {
       this.#rows.get(record.name).show(record, variant.effects?.[record.name] ?? MODES[0]);
     }
     const on = effects.filter(({ enabled }) => enabled).length;
-    setText(this.#total, effects.length ? `${on} of ${effects.length} on` : "");
+    setText(this.#total, effects.length ? `${on} of ${effects.length} on, by the levels they change` : "");
   }
 
   #cycle(name) {
