@@ -37,8 +37,8 @@ export class MapItems {
     const labels = this.#drawStarts(pen);
     if (this.#choice.shows("landmark")) labels.push(...this.#drawLandmarks(pen));
     pen.font = draw.FONT;
-    placeNames(pen, labels, pen.canvas.clientWidth, ({ name, y, colour }, left) =>
-      draw.drawLabel(pen, name, left, y, colour),
+    placeNames(pen, labels, pen.canvas.clientWidth, (name, left, top, { colour }) =>
+      draw.drawLabel(pen, name, left, top, colour),
     );
     for (const other of robots)
       if (other !== robot) this.#drawRobot(pen, other, "muted", robots.length <= MAX_NAMED);
