@@ -400,7 +400,7 @@ def test_drive_turns_the_wheels_by_stick_gamepad_and_keys(
     _wait_for_stop(live)
     page.key_up("w")
     full_live.owner.share_control(False)
-    _wait_for_text(page, "drive", "does not share control")
+    _wait_for_text(page, "drive", "owner does not share it")
 
 
 def _has_signs(live: LiveServer, signs: tuple[int, int]) -> bool:

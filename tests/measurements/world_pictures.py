@@ -11,13 +11,19 @@ With --sheet out/worlds.png: a sheet of all worlds from fixed poses, the plain w
 bytes at each run. With --pairs out/pairs: for judges who shall not know which is which, three
 random free poses of each world, plain and dressed beside each other in random order, and the key in
 a file of its own.
+
+With --landmarks: landmarks found in the laboratory by p2at_omni_lab, and in the field by p2at_omni:
+of 26 random poses after a training on 30, bearings within 5 degrees. 96.2 %, 6 false; in the field,
+with 360 px, 75.6 %, 7 false. Aims: 85 %; at most 2 more false ones than in the field.
 """
 
 from __future__ import annotations
 
 import math
 import sys
+import tempfile
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +31,15 @@ from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from catoptra_client.landmarks import Viewpoint, detect, make_detector, train
+from catoptra_client.robot_client import RobotClient
+from catoptra_client.server_process import start_server
+from catoptra_client.training_frames import capture_training_frames
+from catoptra_protocol.landmarks import read_landmarks
+from catoptra_protocol.optics.numerics import angle_difference
 from catoptra_protocol.optics.perspective_camera import PerspectiveCamera
 from catoptra_protocol.optics.transforms import Pose
+from helpers.configs import WORLDS
 from helpers.world_pictures import (
     PLACES,
     Picture,
@@ -36,7 +49,8 @@ from helpers.world_pictures import (
     render_perspective,
 )
 
-NUM_POSES = 20
+NUM_POSES, NUM_LANDMARK_POSES = 20, 26
+FIELD_CSV = "four_legged_2006.csv"
 # Poses (x, y, height, yaw and pitch in degrees), the same in a plain world and its dressed one.
 SHEET = {
     ("four_legged_2006", "laboratory"): ((-4, 2.9, 1.4, -38, 5), (2.6, 1.4, 0.6, -150, 0)),
@@ -102,8 +116,54 @@ def draw_pairs(folder: Path) -> None:
     (folder / "key.txt").write_text("".join(key), encoding="utf-8")
 
 
+def count_landmarks(world: str, robot: str) -> None:
+    """Print how many landmarks are found in a world of the field, and how many false ones."""
+    landmarks = {one.name: one for one in read_landmarks(WORLDS / "../landmarks" / FIELD_CSV)}
+    ports = ("--control-port", "0", "--image-port", "0")
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        start_server(
+            ("--robot", robot, "--world", world, *ports), log_file=Path(folder) / "log"
+        ) as address,
+    ):
+        capture = partial(
+            capture_training_frames,
+            address,
+            landmarks=tuple(landmarks.values()),
+            on_frame=lambda: None,
+        )
+        classifier = train(capture(num_frames=30, seed=1))
+        with RobotClient.connect(address.host, address.control_port) as client:
+            client.spawn("USARBot.OmniP2AT", location_m=(0.0, 0.0, 0.0))
+            camera, height_m = client.get_camera_and_height()
+        detector = make_detector(
+            camera,
+            classifier,
+            landmarks=tuple(landmarks.values()),
+            viewpoint=Viewpoint(height_m),
+        )
+        # The poses of the frames, drawn once more.
+        random = np.random.Generator(np.random.Philox(key=2))
+        num_found = num_false = 0
+        for frame, _ in capture(num_frames=NUM_LANDMARK_POSES, seed=2):
+            x, y, yaw = (random.uniform(-one, one) for one in (2.0, 1.3, math.pi))
+            right = set()
+            for seen in detect(detector, frame):
+                one = landmarks[seen.name]
+                bearing = math.atan2(one.y_m - y, one.x_m - x) - yaw
+                is_right = abs(angle_difference(seen.bearing_rad, bearing)) < math.radians(5.0)
+                right |= {seen.name} if is_right else set()
+                num_false += not is_right
+            num_found += len(right)
+    share = num_found / (NUM_LANDMARK_POSES * len(landmarks))
+    print(f"{world:20} {robot:16} {100 * share:5.1f} % found, {num_false} false", flush=True)
+
+
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--sheet"]:
+    if sys.argv[1:2] == ["--landmarks"]:
+        count_landmarks("four_legged_2006", "p2at_omni")
+        count_landmarks("laboratory", "p2at_omni_lab")
+    elif sys.argv[1:2] == ["--sheet"]:
         draw_sheet(sys.argv[2])
     elif sys.argv[1:2] == ["--pairs"]:
         draw_pairs(Path(sys.argv[2]))

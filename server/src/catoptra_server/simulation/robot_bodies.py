@@ -17,12 +17,12 @@ origin in the chassis).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 
 import numpy as np
 
-from catoptra_protocol.optics.elementary import cos, matmul, power, sin
+from catoptra_protocol.optics.elementary import cos, power, sin
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.omni_camera import OmniCamera
 from catoptra_protocol.optics.transforms import Pose
@@ -36,6 +36,7 @@ from catoptra_server.simulation.robot_description import (
 from catoptra_server.world.lofts import (
     belt,
     block,
+    distance_out,
     loft,
     octagon,
     plate,
@@ -77,10 +78,7 @@ class OmniCameraTower:
 
 def build_robot_mesh(shape: RobotDimensions, tower: OmniCameraTower | None = None) -> ObjectMesh:
     """Build the mesh of a class of robots; `tower` None: without an omnidirectional camera."""
-    parts = _plain_parts(shape)
-    if tower is not None:
-        parts += _tower_parts(tower, deck_z=_deck_z(shape))
-    return build_object_mesh(parts, is_smooth=shape.is_smooth, body=shape.items)
+    return _build_plain(shape, _tower_parts(tower, deck_z=_deck_z(shape)) if tower else ())
 
 
 def build_ego_body_mesh(shape: RobotDimensions, tower: OmniCameraTower) -> ObjectMesh:
@@ -88,8 +86,7 @@ def build_ego_body_mesh(shape: RobotDimensions, tower: OmniCameraTower) -> Objec
 
     The mirror and the glass that carries the mirror are left out: neither is in the mirror's view.
     """
-    parts = [*_plain_parts(shape), *_capture_camera_parts(tower, deck_z=_deck_z(shape))]
-    return build_object_mesh(parts, is_smooth=shape.is_smooth, body=shape.items)
+    return _build_plain(shape, _capture_camera_parts(tower, deck_z=_deck_z(shape)))
 
 
 _CHASSIS_MATERIAL = Material((0.45, 0.04, 0.03))  # ActivMedia's red paint
@@ -121,20 +118,20 @@ def _deck_z(shape: RobotDimensions) -> float:
     return shape.ride_height_m - height
 
 
-def _plain_parts(shape: RobotDimensions) -> list[_MaterialPatch]:
-    return [*_chassis_parts(shape), *_wheel_parts(shape)] if shape.items is None else []
+def _build_plain(shape: RobotDimensions, carried: Iterable[_MaterialPatch]) -> ObjectMesh:
+    own = [*_chassis_parts(shape), *_wheel_parts(shape)] if shape.items is None else []
+    return build_object_mesh([*own, *carried], is_smooth=shape.is_smooth, body=shape.items)
 
 
 def _chassis_parts(shape: RobotDimensions) -> Iterator[_MaterialPatch]:
     """Yield a box between the wheels, from half their radius above the floor, and the deck."""
     length, width, _ = shape.dimensions_m
     inner = width - 2.0 * _TYRE_WIDTH_RATIO * shape.wheel_radius_m
-    top, bottom = _deck_z(shape), shape.ride_height_m - 0.5 * shape.wheel_radius_m
-    centre_z = 0.5 * (top + _DECK_THICKNESS_M + bottom)
-    hull = box(Box((length, inner, bottom - top - _DECK_THICKNESS_M)))
-    yield hull.translate((0.0, 0.0, centre_z)), _CHASSIS_MATERIAL
-    plate = box(Box((length, inner, _DECK_THICKNESS_M)))
-    yield plate.translate((0.0, 0.0, top + 0.5 * _DECK_THICKNESS_M)), _DECK_MATERIAL
+    deck, bottom = _deck_z(shape), shape.ride_height_m - 0.5 * shape.wheel_radius_m
+    top = deck + _DECK_THICKNESS_M
+    for low, high, material in ((bottom, top, _CHASSIS_MATERIAL), (top, deck, _DECK_MATERIAL)):
+        slab = box(Box((length, inner, low - high)))
+        yield slab.translate((0.0, 0.0, 0.5 * (low + high))), material
 
 
 def _wheel_parts(shape: RobotDimensions) -> Iterator[_MaterialPatch]:
@@ -147,7 +144,7 @@ def _wheel_parts(shape: RobotDimensions) -> Iterator[_MaterialPatch]:
     for x in sorted({-0.5 * shape.wheel_base_m, 0.5 * shape.wheel_base_m}):
         for y in (-lateral, lateral):
             lying = Pose.from_rpy((x, y, z), (0.5 * math.pi, 0.0, 0.0))
-            yield Patch(lying.transform_points(tyre.corners), tyre.uv), _TYRE_MATERIAL
+            yield transform(tyre, lying), _TYRE_MATERIAL
 
 
 def _tower_parts(tower: OmniCameraTower, *, deck_z: float) -> Iterator[_MaterialPatch]:
@@ -155,11 +152,9 @@ def _tower_parts(tower: OmniCameraTower, *, deck_z: float) -> Iterator[_Material
 
     An orthographic capture camera has no position: its pillar ends at the deck.
     """
-    surface = _mirror_patch(tower.camera)
-    patch = Patch(tower.robot_from_mirror.transform_points(surface.corners), surface.uv)
-    yield patch, _MIRROR_MATERIAL
-    lens_z = _lens_z(tower, deck_z)
-    apex_z = float(patch.corners[..., 2].max())
+    mirror, lens_z = _mirror_patch(tower), _lens_z(tower, deck_z)
+    yield mirror, _MIRROR_MATERIAL
+    apex_z = float(mirror.corners[..., 2].max())
     yield from _cylinder_parts(tower, _PILLAR_RADIUS_M, deck_z, lens_z, _DECK_MATERIAL)
     yield from _cylinder_parts(tower, _SUPPORT_RADIUS_M, lens_z, apex_z, _DECK_MATERIAL)
 
@@ -193,8 +188,9 @@ def _cylinder_parts(
         yield post.translate((x, y, 0.5 * (low_z + high_z))), material
 
 
-def _mirror_patch(camera: OmniCamera) -> Patch:
-    """Mirror surface up to the rim, and the disc that closes the back; mirror frame."""
+def _mirror_patch(tower: OmniCameraTower) -> Patch:
+    """Mirror surface up to the rim, and the disc that closes the back."""
+    camera = tower.camera
     # A cone reflects nothing nearer to its axis than its apex does.
     t = np.linspace(camera.projection.t_min, camera.rim_t, _RINGS + 1)
     r, z = camera.mirror.surface_point(t)
@@ -204,7 +200,7 @@ def _mirror_patch(camera: OmniCamera) -> Patch:
     points = np.stack(
         (radius * cos(azimuth), radius * sin(azimuth), height + 0.0 * azimuth), axis=-1
     )
-    return grid(points, np.zeros((*points.shape[:2], 2)))
+    return transform(grid(points, np.zeros((*points.shape[:2], 2))), tower.robot_from_mirror)
 
 
 # Materials of bodies of parts.
@@ -224,8 +220,7 @@ _CASTOR_RADIUS_M = 0.0375
 _FLIPPER_REACH = 3.8  # distance of a flipper's axles over its larger radius
 _POST_M = 0.06  # a camera's mast stands as far behind it
 _SONAR_RADIUS_M, _SONAR_BAND_M = 0.019, 0.026
-# Rods hold the mirror; the paper's has a glass tube.
-_ROD_RADIUS_M, _NUM_RODS = 0.004, 3
+_ROD_RADIUS_M, _NUM_RODS = 0.004, 3  # hold the mirror; the paper's has a glass tube
 
 
 class _Base:
@@ -322,10 +317,8 @@ def _wheeled_parts(base: _Base) -> Iterator[_MaterialPatch]:
         if abs(y) < base.tyre:
             yield from _castor_parts(x, y, base.floor_z, bottom_z)
             continue
-        # z of a wheel points outwards.
-        pose = Pose.from_rpy(
-            (x, y, base.floor_z - radius), (math.copysign(0.5 * math.pi, -y), 0, 0)
-        )
+        roll = math.copysign(0.5 * math.pi, -y)  # z of a wheel points outwards
+        pose = Pose.from_rpy((x, y, base.floor_z - radius), (roll, 0.0, 0.0))
         yield from ((transform(patch, pose), material) for patch, material in wheel)
 
 
@@ -432,7 +425,7 @@ def _sensor_parts(base: _Base) -> Iterator[_MaterialPatch]:
     for mount in sonars:
         pose = mount.parent_from_item()
         ahead = pose.rotation[:, 0]
-        start = pose.translation + _distance_out(base.hull, pose.translation, ahead) * ahead
+        start = pose.translation + distance_out(base.hull, pose.translation, ahead) * ahead
         _, pitch, yaw = mount.rotation_rad
         facing = Pose.from_rpy(start, (0.0, 0.5 * math.pi + pitch, yaw))
         yield transform(disc, facing), _SONAR_MATERIAL
@@ -441,22 +434,11 @@ def _sensor_parts(base: _Base) -> Iterator[_MaterialPatch]:
             yield from _scanner_parts(base, one.mount.position_m)
 
 
-def _distance_out(outline: Floats, point: Floats, direction: Floats) -> float:
-    """Distance from a point within a convex outline to the outline; 0 from outside."""
-    along = np.roll(outline, -1, axis=0) - outline
-    normal = np.stack((along[:, 1], -along[:, 0]), axis=-1)
-    rate = matmul(normal, direction[:2])
-    gap = (normal * (outline - point[:2])).sum(axis=1)
-    # Sides that the ray leaves by.
-    distances = gap[rate > 1e-9] / rate[rate > 1e-9]
-    return max(float(distances.min()), 0.0) if len(distances) else 0.0
-
-
 def _scanner_parts(base: _Base, place: tuple[float, float, float]) -> Iterator[_MaterialPatch]:
     """Yield a scanner on the deck, or the window of one within the hull."""
     x, y, z = place
     if z > base.deck_z - 0.02:
-        nose = _distance_out(base.hull, np.array(place), np.array((1.0, 0.0, 0.0)))
+        nose = distance_out(base.hull, np.array(place), np.array((1.0, 0.0, 0.0)))
         window = block((0.012, 0.9 * base.hull_y, 0.03), 0.004)
         yield window.translate((x + nose, y, z)), _LENS_MATERIAL
         return
@@ -505,8 +487,7 @@ def _fine_tower_parts(
         yield turn([(LENS_RADIUS_M, top), (LENS_RADIUS_M, lens_z)], 16), _LENS_MATERIAL
     if is_own:
         return
-    surface = _mirror_patch(tower.camera)
-    mirror = transform(surface, tower.robot_from_mirror)
+    mirror = _mirror_patch(tower)
     yield mirror, _MIRROR_MATERIAL
     corners = mirror.corners - (x, y, 0.0)
     rim_z = float(corners[..., 2].min())
@@ -603,14 +584,8 @@ def build_carrier_mesh(description: RobotDescription) -> ObjectMesh:
 
 def _dimensions(description: RobotDescription) -> RobotDimensions:
     drive = description.drive
-    return RobotDimensions(
-        drive.dimensions_m,
-        drive.ride_height_m,
-        drive.wheel_radius_m,
-        drive.wheel_base_m,
-        description.is_smooth,
-        _build_items(description),
-    )
+    size = (drive.dimensions_m, drive.ride_height_m, drive.wheel_radius_m, drive.wheel_base_m)
+    return RobotDimensions(*size, description.is_smooth, _build_items(description))
 
 
 # A class has two meshes, of one body.

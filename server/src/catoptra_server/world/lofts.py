@@ -18,6 +18,7 @@ from catoptra_protocol.optics.elementary import (
     cos,
     hypot,
     interpolate_linear,
+    matmul,
     sin,
 )
 from catoptra_protocol.optics.numerics import Floats
@@ -116,10 +117,25 @@ def transform(patch: Patch, pose: Pose) -> Patch:
     return Patch(pose.transform_points(patch.corners), patch.uv)
 
 
+def distance_out(outline: Floats, point: Floats, direction: Floats) -> float:
+    """Distance from a point within a convex outline to the outline; 0 from outside."""
+    normal = _outward_normals(outline)
+    rate = matmul(normal, direction[:2])
+    gap = (normal * (outline - point[:2])).sum(axis=1)
+    # Sides that the ray leaves by.
+    distances = gap[rate > 1e-9] / rate[rate > 1e-9]
+    return max(float(distances.min()), 0.0) if len(distances) else 0.0
+
+
+def _outward_normals(outline: Floats) -> Floats:
+    """(n, 2) normals of the sides of an outline, as long as these."""
+    along = np.roll(outline, -1, axis=0) - outline
+    return np.stack((along[:, 1], -along[:, 0]), axis=-1)
+
+
 def _inset(outline: Floats, inset: float) -> Floats:
     """Convex outline with each side moved inwards."""
-    along = np.roll(outline, -1, axis=0) - outline
-    normal = np.stack((along[:, 1], -along[:, 0]), axis=-1)
+    normal = _outward_normals(outline)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     before = np.roll(normal, 1, axis=0)
     cosine = (normal * before).sum(axis=1, keepdims=True)

@@ -24,7 +24,7 @@ export function targetOf(context) {
   if (!robot) return none("there is no robot yet: spawn one below");
   const { name } = robot;
   if (robot.shares_control) return { name, wire_name: name, robot, reason: "" };
-  return none(`the owner of ${shorten(name)} does not share control: spawn one below`);
+  return none(`${shorten(name, 20)}'s owner does not share it: spawn one below`);
 }
 
 /** Wheel speeds in rad/s of a demand; the faster side is at most at the limit. */

@@ -126,6 +126,11 @@ class FramePull {
   /** Ends when the newest frame is on the screen. A slow unwarper skips frames by itself. */
   #drawing = Promise.resolve();
 
+  #fail = (error) => {
+    this.#retryAt_ms = performance.now() + RETRY_MS;
+    this.#context.report(error);
+  };
+
   constructor(context) {
     this.#context = context;
   }
@@ -139,14 +144,11 @@ class FramePull {
     try {
       const request = { robot, camera, encoding: "jpeg", ...this.#context.variantRequest };
       const frame = await this.#context.pictures.requestFrame(request);
-      const file = fileFromFrame(frame);
-      const bitmap = await createImageBitmap(file, DECODING);
       await this.#drawing;
       this.#shown = { settings, time_s: frame.header.time_s };
-      this.#drawing = this.#draw({ ...frame, file, bitmap }, robot, camera);
+      this.#drawing = this.#draw(frame, robot, camera).catch(this.#fail);
     } catch (error) {
-      this.#retryAt_ms = performance.now() + RETRY_MS;
-      this.#context.report(error);
+      this.#fail(error);
     } finally {
       this.#isPending = false;
     }
@@ -168,9 +170,11 @@ class FramePull {
     return JSON.stringify([this.#context.selected, this.#context.variantRequest]);
   }
 
-  /** Draw a frame in the next animation frame, unless the tab is hidden before. */
-  async #draw({ header, file, bitmap, received_ms }, robot, camera) {
+  /** Decode and draw a frame in an animation frame, unless the tab is hidden before. */
+  async #draw(frame, robot, camera) {
     const context = this.#context;
+    const file = fileFromFrame(frame);
+    const bitmap = await createImageBitmap(file, DECODING);
     const isShown = await nextAnimationFrame();
     const isSelected = robot === context.selected.robot && camera === context.selected.camera;
     // An old frame must not follow a time in which the tab was hidden.
@@ -179,6 +183,7 @@ class FramePull {
       this.#shown.time_s = -1;
       return;
     }
+    const { header, received_ms } = frame;
     this.#emit({ header, file, bitmap, received_ms });
     const now_ms = performance.now();
     context.statistics.add(1000 * header.age_s + now_ms - received_ms, now_ms);

@@ -68,23 +68,33 @@ export function drawMark(pen, x, y, status, radius = 6) {
   pen.restore();
 }
 
-/**
- * Draw the marks and names of landmarks {x, y, status, name}: a name beside its mark where there is
- * room in the width of the view, and none where it would cover another.
- */
+/** Draw the marks and names of landmarks {x, y, status, name}. */
 export function drawLandmarks(pen, places, width) {
   for (const { x, y, status } of places) drawMark(pen, x, y, status);
   pen.font = LABEL_FONT;
-  const taken = [];
-  for (const { x, y, name } of places) {
+  placeNames(pen, places, width, (name, left, top) => drawLabel(pen, name, left, top));
+}
+
+/**
+ * Draw the names of places {x, y, name} by draw(name, left, top, place): beside the mark, above or
+ * below it, where that is within the width of the view and covers no other name or mark.
+ */
+export function placeNames(pen, places, width, draw) {
+  const taken = places.map(({ x, y }) => ({ left: x - 5, right: x + 5, y }));
+  for (const place of places) {
+    const { x, y, name } = place;
     const length = pen.measureText(name).width;
-    const left = [x + LABEL_GAP, x - LABEL_GAP - length].find((start) => {
-      const isInside = start >= 0 && start + length <= width;
-      return isInside && !taken.some((other) => overlaps(other, start, length, y));
-    });
-    if (left === undefined) continue;
-    taken.push({ left, right: left + length, y });
-    drawLabel(pen, name, left, y);
+    const mid = x - 0.5 * length;
+    const spots = [[x + LABEL_GAP, y], [x - LABEL_GAP - length, y], [mid, y - 17], [mid, y + 17]];
+    const spot = spots.find(
+      ([left, top]) =>
+        left >= 0 && left + length <= width &&
+        !taken.some((other) => overlaps(other, left, length, top)),
+    );
+    if (!spot) continue;
+    const [left, top] = spot;
+    taken.push({ left, right: left + length, y: top });
+    draw(name, left, top, place);
   }
 }
 

@@ -90,22 +90,7 @@ export function drawRobot(pen, view, pose, size_m, name, { isFilled = true, dash
   pen.stroke();
 }
 
-const FONT = "11px system-ui, sans-serif";
-
-/** Labels [text, x, y, colour] beside their marks, where that is clear. */
-export function drawClearLabels(pen, labels) {
-  const taken = labels.map(([, x, y]) => [x - 5, x + 5, y]);
-  pen.font = FONT;
-  for (const [text, x, y, name] of labels) {
-    const { width } = pen.measureText(text);
-    const fits = (at) =>
-      taken.every(([left, right, top]) => at > right || at + width < left || Math.abs(y - top) > 11);
-    const left = [x + 9, x - 9 - width].find(fits);
-    if (left === undefined) continue;
-    taken.push([left, left + width, y]);
-    drawLabel(pen, text, left, y, name);
-  }
-}
+export const FONT = "11px system-ui, sans-serif";
 
 /** Text beside a point, on a halo of the background. */
 export function drawLabel(pen, text, left, top, name = "ink", align = "left") {

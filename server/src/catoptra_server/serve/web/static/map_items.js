@@ -1,7 +1,7 @@
 /** What lies on the map above the floor plan: start poses, landmarks, robots and their beliefs. */
 
 import { beliefsOf } from "./beliefs.js";
-import { drawMark } from "./landmarks.js";
+import { drawMark, placeNames } from "./landmarks.js";
 import * as draw from "./map_drawing.js";
 import { shorten } from "./panel.js";
 import { readingKey } from "./readings.js";
@@ -36,7 +36,10 @@ export class MapItems {
   draw(pen, robots, robot) {
     const labels = this.#drawStarts(pen);
     if (this.#choice.shows("landmark")) labels.push(...this.#drawLandmarks(pen));
-    draw.drawClearLabels(pen, labels);
+    pen.font = draw.FONT;
+    placeNames(pen, labels, pen.canvas.clientWidth, (name, left, top, { colour }) =>
+      draw.drawLabel(pen, name, left, top, colour),
+    );
     for (const other of robots)
       if (other !== robot) this.#drawRobot(pen, other, "muted", robots.length <= MAX_NAMED);
     if (robot) this.#drawSelected(pen, this.#context.state, robot);
@@ -45,8 +48,8 @@ export class MapItems {
   #drawStarts(pen) {
     return this.#context.server.start_poses.slice(0, 200).map((start) => {
       draw.drawStart(pen, this.#view, start);
-      const [left, top] = this.#view.toScreen(...start.location_m);
-      return [shorten(start.name, 24), left, top, "ink"];
+      const [x, y] = this.#view.toScreen(...start.location_m);
+      return { name: shorten(start.name, 24), x, y, colour: "ink" };
     });
   }
 
@@ -54,9 +57,9 @@ export class MapItems {
     const current = this.#context.landmarks;
     const landmarks = current?.length ? current : this.#context.server.landmarks;
     return landmarks.map(({ name, x_m, y_m, status }) => {
-      const [left, top] = this.#view.toScreen(x_m, y_m);
-      drawMark(pen, left, top, status ?? "hidden", 5);
-      return [shorten(name, 24), left, top, "muted"];
+      const [x, y] = this.#view.toScreen(x_m, y_m);
+      drawMark(pen, x, y, status ?? "hidden", 5);
+      return { name: shorten(name, 24), x, y, colour: "muted" };
     });
   }
 

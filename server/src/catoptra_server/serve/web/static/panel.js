@@ -42,22 +42,31 @@ export function onShown(section, handler) {
 }
 
 /**
- * A function that asks for one call of `draw` in the next animation frame, if the panel is shown
- * then; calls in between count once. A panel that comes into view is drawn.
+ * A function that asks for one call of `draw` in the next animation frame, an interval after the
+ * last one, if the panel is shown then; calls in between count once. A panel that comes into view
+ * is drawn.
  */
-export function drawOnDemand(section, draw) {
+export function drawOnDemand(section, draw, interval = () => 0) {
   let isPending = false;
+  let due_ms = 0;
+  const run = () => {
+    isPending = false;
+    due_ms = performance.now() + interval();
+    if (isShown(section)) draw();
+  };
   const request = () => {
     if (isPending || !isShown(section)) return;
     isPending = true;
-    requestAnimationFrame(() => {
-      isPending = false;
-      if (isShown(section)) draw();
-    });
+    const wait_ms = due_ms - performance.now();
+    if (wait_ms > 0) setTimeout(() => requestAnimationFrame(run), wait_ms);
+    else requestAnimationFrame(run);
   };
   onShown(section, request);
   return request;
 }
+
+/** The same for numbers, slowly enough to be read: each change costs a layout. */
+export const showOnDemand = (section, show) => drawOnDemand(section, show, () => 500);
 
 /** A value of an earlier visit, of the same kind as the fallback; private windows have none. */
 export function remembered(key, fallback) {

@@ -142,7 +142,7 @@ function show(canvas, view, { bitmap, pixels }) {
   const width = view.columns ?? view.width_px;
   const height = view.rows ?? view.height_px;
   resizeCanvas(canvas, width, height);
-  const pen = canvas.getContext("2d", { alpha: false });
+  const pen = canvas.getContext("2d");
   if (bitmap === null) {
     pen.putImageData(new ImageData(pixels, width, height), 0, 0);
   } else {

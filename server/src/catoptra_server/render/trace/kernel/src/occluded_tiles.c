@@ -133,7 +133,7 @@ static int is_fillable(const FrameState *state, const TileContent *content, Plan
            !is_glossy(state, content->triangle) &&
            find_plane_light(state, content->triangle, content->proof, light) &&
            /* What shadows change is measured by samples. */
-           !(state->frame->measures_shadows && !light->is_table);
+           !(finds_shadow_change(state) && !light->is_table);
 }
 
 int fill_occluded_tile(const FrameState *state, int tile, const TileContent *content,

@@ -778,7 +778,7 @@ static int fill_textured_tile(const FrameState *state, int tile, const TileConte
         return 0;
     sum_texels(state, tile, content, &texels);
     light_sums(state, content, &light, &texels, &sums, &unshadowed);
-    if (state->frame->measures_shadows && max_abs(light.lost) > 0.0f)
+    if (finds_shadow_change(state) && max_abs(light.lost) > 0.0f)
         note_changes(state, tile, &state->measures->shadow, &sums, &unshadowed);
     write_pixels(state, tile, &sums);
     return 1;

@@ -6,7 +6,7 @@
 
 import { format } from "../bars.js";
 import { Difference } from "../difference.js";
-import { bodyOf, drawOnDemand, make, makeButton, setText, toolsOf } from "../panel.js";
+import { bodyOf, make, makeButton, setText, showOnDemand, toolsOf } from "../panel.js";
 import { VariantPull } from "../variant_pull.js";
 import { durationOf } from "./status.js";
 
@@ -44,9 +44,12 @@ class CostPanel {
       show: (header, bitmap) => this.#difference.show(header, bitmap),
       fail: (error) => context.report(error),
     });
-    const draw = drawOnDemand(section, () => this.#show());
-    for (const event of ["frame", "selection", "variant", "state"]) context.on(event, draw);
-    context.on("variant", () => this.#pull.refresh());
+    const show = showOnDemand(section, () => this.#show());
+    for (const event of ["frame", "selection", "state"]) context.on(event, show);
+    context.on("variant", () => {
+      this.#show();
+      this.#pull.refresh();
+    });
     context.on("selection", () => this.#hideError());
     this.#show();
   }
@@ -117,5 +120,5 @@ function nameOf({ polygons, samples, max_error_px, budget_ms }) {
 function numbersOf(header) {
   const { error_bound_px } = header;
   const bound = error_bound_px === null ? "no bound" : `at most ${format(error_bound_px)} px off`;
-  return `${bound}, ${format(durationOf(header))} ms`;
+  return `${bound}, ${format(durationOf(header))} ms a picture`;
 }

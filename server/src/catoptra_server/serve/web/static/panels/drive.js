@@ -153,7 +153,7 @@ class DrivePanel {
   #show() {
     const target = targetOf(this.#context);
     setText(this.#speed, this.#speedText(target.robot));
-    this.#limitText.textContent = this.#limitInMetres(target.robot);
+    setText(this.#limitText, this.#limitInMetres(target.robot));
     this.#setStatus(...this.#stateOf(target));
     this.#stick.classList.toggle("disabled", !target.name);
   }

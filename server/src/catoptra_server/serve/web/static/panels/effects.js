@@ -1,9 +1,8 @@
 /** What the scene calls for: what each image effect changes, its cost, on or left out; forced. */
 
 import { Bar, format, LogScale } from "../bars.js";
-import { bodyOf, drawOnDemand, make, makeButton, setText, toolsOf } from "../panel.js";
+import { bodyOf, make, makeButton, setText, showOnDemand, toolsOf } from "../panel.js";
 
-const INTERVAL_MS = 250;
 // Changes in units of their thresholds: the mark is the same for all effects.
 const RATIO = new LogScale(1e-3, 1e3);
 /** Modes in the order of clicks; the first is that of the camera itself. */
@@ -17,14 +16,13 @@ const SCALE =
 /** Create the panel. */
 export function create(section, context) {
   const panel = new EffectsPanel(section, context);
-  const requestDraw = drawOnDemand(section, () => panel.update());
-  for (const event of ["frame", "variant"]) context.on(event, requestDraw);
+  context.on("frame", showOnDemand(section, () => panel.update()));
+  context.on("variant", () => panel.update());
 }
 
 class EffectsPanel {
   #context;
   #rows = new Map();
-  #drawn_ms = -INTERVAL_MS;
   #list = make("ul", { className: "effects", hidden: true });
   #hint = make("p", { className: "quiet" }, "Waiting for a picture.");
   #total = make("span", { className: "quiet" });
@@ -35,11 +33,10 @@ class EffectsPanel {
     bodyOf(section).append(this.#list, this.#hint);
   }
 
-  /** Show the decisions of the newest frame, slowly enough to be read. */
+  /** Show the decisions of the newest frame. */
   update() {
     const { frame, variant } = this.#context;
-    if (frame === null || performance.now() - this.#drawn_ms < INTERVAL_MS) return;
-    this.#drawn_ms = performance.now();
+    if (frame === null) return;
     const { effects } = frame.header;
     this.#list.hidden = effects.length === 0;
     setText(this.#hint, effects.length === 0 ? NO_EFFECTS : SCALE);
@@ -49,7 +46,7 @@ class EffectsPanel {
       this.#rows.get(record.name).show(record, variant.effects?.[record.name] ?? MODES[0]);
     }
     const on = effects.filter(({ enabled }) => enabled).length;
-    setText(this.#total, effects.length ? `${on} of ${effects.length} on` : "");
+    setText(this.#total, effects.length ? `${on} of ${effects.length} on, by the levels they change` : "");
   }
 
   #cycle(name) {
@@ -57,7 +54,6 @@ class EffectsPanel {
     const mode = MODES[(MODES.indexOf(effects[name] ?? MODES[0]) + 1) % MODES.length];
     const { [name]: _, ...others } = effects;
     const chosen = mode === MODES[0] ? others : { ...others, [name]: mode };
-    this.#drawn_ms = -INTERVAL_MS;
     this.#context.setVariant({ effects: Object.keys(chosen).length ? chosen : null });
   }
 
@@ -91,11 +87,11 @@ class EffectRow {
     const value = change ?? bound;
     const ratio = threshold > 0 ? value / threshold : value * RATIO.high;
     this.#bar.set(RATIO.fractionOf(ratio), enabled);
-    // Of an effect that the largest change decides nobody counts the pixels.
+    // Pixels are not counted where the largest change decides.
     const isCounted = visible_share > 0 && visible_share < 1;
     const share = isCounted ? ` in ${format(Number((100 * visible_share).toPrecision(2)))} %` : "";
-    const verb = change === null ? "at most" : "changes";
-    setText(this.#change, `${verb} ${format(Number(value.toPrecision(2)))} levels${share}`);
+    const limit = change === null ? "\u2264 " : "";
+    setText(this.#change, `${limit}${format(Number(value.toPrecision(2)))} levels${share}`);
     setText(this.#duration, duration_ms === null ? "" : `${duration_ms.toFixed(duration_ms < 1 ? 2 : 1)} ms`);
     setText(this.#decision, enabled ? "on" : "left out");
     this.node.classList.toggle("off", !enabled);

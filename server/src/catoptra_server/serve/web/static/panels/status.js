@@ -20,7 +20,7 @@ export function create(section, context) {
     });
   };
   // By time, not by frame: the age of a picture grows while none follows it.
-  setInterval(update, 250);
+  setInterval(update, 500);
   context.on("selection", update);
   context.on("connection", update);
 }

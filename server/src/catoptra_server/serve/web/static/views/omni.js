@@ -35,7 +35,9 @@ export function create(section, context) {
   context.on("frame", () => {
     if (isShown(section)) view.draw();
   });
-  for (const event of ["selection", "state", "table"]) context.on(event, view.requestDraw);
+  // For the reason why nothing is shown.
+  context.on("state", () => context.frame ?? view.requestDraw());
+  for (const event of ["selection", "table"]) context.on(event, view.requestDraw);
   for (const event of ["cursor", "window", "landmarks"]) context.on(event, view.requestOverlay);
 }
 

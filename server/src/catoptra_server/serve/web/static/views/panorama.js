@@ -88,8 +88,8 @@ class PanoramaView {
     this.#drawScale(pen, placement);
     trace(windowOutline(this.#context.window));
     strokeOutlined(pen, "#ff9de1");
-    this.#view.drawDirections(pen, project);
     pen.restore();
+    this.#view.drawDirections(pen, project);
   }
 
   #drawScale(pen, placement) {

@@ -1,7 +1,7 @@
 /** What panorama and perspective view share: when they are drawn, their marks, the cursor's keys. */
 
 import { drawLandmarks } from "../landmarks.js";
-import { drawOnDemand, isShown } from "../panel.js";
+import { drawOnDemand } from "../panel.js";
 import {
   cursorDirection,
   landmarkPlaces,
@@ -17,8 +17,6 @@ export class UnwarpedView {
   #view;
   /** The context at the frame that the view shows: a newer one may not be unwarped yet. */
   #drawn;
-  #drawnAt_ms = 0;
-  #timer = null;
 
   /**
    * Fill a section with a view: label, help; drawEvents that change the picture, markEvents;
@@ -34,29 +32,15 @@ export class UnwarpedView {
     const onResize = view.onResize ?? requestDraw;
     this.canvases = new ViewCanvases(section, view.label, view.help, onResize);
     this.canvases.overlay.addEventListener("keydown", (event) => this.#onKey(event));
-    context.on("frame", () => {
-      if (isShown(section)) this.#follow(requestDraw);
-    });
-    // Only the reason why nothing is shown: to unwarp the same picture again takes time.
-    context.on("state", () => {
-      if (context.frame === null) requestDraw();
-    });
+    const interval = () => context.unwarper.interval_ms;
+    context.on("frame", drawOnDemand(section, () => this.draw(), interval));
+    // For the reason why nothing is shown.
+    context.on("state", () => context.frame ?? requestDraw());
     for (const event of view.drawEvents) context.on(event, requestDraw);
     for (const event of view.markEvents) context.on(event, requestMarks);
   }
 
-  /** Draw a new frame, at once or when the view is due. */
-  #follow(requestDraw) {
-    const wait_ms = this.#drawnAt_ms + this.#context.unwarper.interval_ms - performance.now();
-    if (wait_ms <= 0) return this.draw();
-    this.#timer ??= setTimeout(() => {
-      this.#timer = null;
-      requestDraw();
-    }, wait_ms);
-  }
-
   draw() {
-    this.#drawnAt_ms = performance.now();
     const reason = reasonForNoUnwarping(this.#context);
     this.canvases.setMessage(reason);
     const drawn = Object.create(this.#context, { frame: { value: this.#context.frame } });

@@ -16,6 +16,8 @@ export class ViewCanvases {
   /** Fill a section: `label` names the view, `help` its keys and gestures. */
   constructor(section, label, help, onResize) {
     this.picture = make("canvas", { className: "picture", ariaHidden: "true" });
+    // Opaque, in later calls too: nothing is blended.
+    this.picture.getContext("2d", { alpha: false });
     const helpText = make("p", { className: "visually-hidden", id: `${section.id}-help` }, help);
     this.overlay = make("canvas", {
       className: "overlay",
