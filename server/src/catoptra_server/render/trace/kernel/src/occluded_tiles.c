@@ -7,6 +7,7 @@
 #include "body_shade.h"
 #include "fog.h"
 #include "labels.h"
+#include "measures.h"
 #include "occlusion.h"
 #include "pixels.h"
 #include "plane_light.h"
