@@ -27,7 +27,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from catoptra_protocol.optics.elementary import power
+from catoptra_protocol.optics.elementary import exp, power
 from catoptra_protocol.optics.radial_camera import RadialCamera
 from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import (
@@ -145,8 +145,10 @@ class Response:
 def _make_table(response: Response) -> npt.NDArray[np.float32]:
     share = np.arange(NUM_INTERVALS + 1) / NUM_INTERVALS
     lights, greys = np.array(response.curve).T
-    shown = linear_from_srgb(greys / 255.0)
-    table = np.interp(share / np.maximum(1.0 - share, 1e-9), lights, shown).astype(np.float32)
+    shown, light = linear_from_srgb(greys / 255.0), share / np.maximum(1.0 - share, 1e-9)
+    row = np.clip(np.searchsorted(lights, light, side="right") - 1, 0, len(lights) - 2)
+    part = np.clip((light - lights[row]) / (lights[row + 1] - lights[row]), 0.0, 1.0)
+    table = np.asarray(shown[row] + part * (shown[row + 1] - shown[row]), dtype=np.float32)
     table.setflags(write=False)
     return table
 
@@ -154,7 +156,7 @@ def _make_table(response: Response) -> npt.NDArray[np.float32]:
 @lru_cache(maxsize=16)
 def _find_steepness(response: Response) -> tuple[float, float]:
     """Gain and contrast of a curve, as at the head of this module."""
-    light = np.geomspace(1e-5, max(response.curve[-1][0], 1.0), 1024)
+    light = max(response.curve[-1][0], 1.0) * exp(np.linspace(-11.5, 0.0, 1024))
     levels = srgb_from_linear(response._bend(light))
     low, high = np.triu_indices(len(light), 1)
     # Levels of each ratio of two lights, the larger one at white.
@@ -179,8 +181,8 @@ def _find_fault(response: Response) -> ParameterFault | None:
         return None
     lights, greys = np.array(response.curve).T
     expected = ""
-    if len(lights) < 2 or response.curve[0] != (0.0, 0.0):
-        expected = "two rows at least, the first of light 0 and grey 0"
+    if len(lights) < 2 or response.curve[0] != (0.0, 0.0) or greys[-1] == 0.0:
+        expected = "two rows at least, the first of light 0 and grey 0, the last not black"
     elif (np.diff(greys) < 0.0).any() or greys[-1] > 255.0:
         row = int(np.argmax(np.append(np.diff(greys) < 0.0, True))) + 2
         expected = f"grey levels that never fall, up to 255; row {min(row, len(greys))} has another"
