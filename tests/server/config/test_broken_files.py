@@ -100,6 +100,10 @@ ROBOT_CASES = [
     ("ResolutionX=32", "BudgetMs=soon", None, "BudgetMs='soon': expected a number"),
     ("ResolutionX=32", "Fog=on", None, "one of auto, always, never"),
     ("ResolutionX=32", "ExposureTime=0", None, "from 1e-06 to 60"),
+    ("ResolutionX=32", "ResponseCurve=bt708", None, "there is no bt708"),
+    ("ResolutionX=32", "Response=auto\nResponseCurve=falls.csv", "ResponseC", "row 3 has another"),
+    ("ResolutionX=32", "Response=auto\nResponseCurve=step.csv", "ResponseC", "without steps"),
+    ("ResolutionX=32", "Response=auto\nResponseCurve=empty.glb", "ResponseC", "two rows at least"),
     ("ResolutionX=32", "WhiteBalance=auto\nRedGain=0", "RedGain", "from 0.05 to 20"),
     ("ResolutionX=32", "MaxErrorPx=-1", None, "from 0 to 1000"),
     ("SkidSteered", "Ackermann", None, "one of SkidSteered"),
@@ -182,6 +186,7 @@ WORLD_CASES = [
     ("Sky=(Elevation=91)", "Sky.Elevation='91': expected a number from 0 to 90"),
     ("Sky=(Azimuth=90)", "Sky.Elevation='': expected a number from 0 to 90; it is missing"),
     ("Sky=(Elevation=40,Turbidity=0)", "Sky.Turbidity='0': expected a number from 1 to 10"),
+    ("Sky=(Elevation=40,Clouds=2)", "Sky.Clouds='2': expected a number from 0 to 1"),
     ("Sky=(Elevation=40,Clouds=nan)", "Sky.Clouds='nan': expected a number from 0 to 1"),
     ("Sky=40", "a struct such as (Elevation=40,Azimuth=120"),
     ("Landmarks=four_legged_2007", "did you mean four_legged_2006?"),
@@ -212,6 +217,8 @@ def folder(tmp_path: Path) -> Path:
     head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n"
     (tmp_path / "cut.hdr").write_bytes(head + b"-Y 16 +X 32\n" + b"\2\2\0\40\240")
     (tmp_path / "huge.hdr").write_bytes(head + b"-Y 10000 +X 100000\n")
+    (tmp_path / "falls.csv").write_text("light,grey\n0,0\n0.5,200\n1,190\n")
+    (tmp_path / "step.csv").write_text("0 0\n0.5 10\n0.501 240\n1 255\n")
     (tmp_path / "points.obj").write_text("v 0 0 0\nv 1 0 0\n")
     (tmp_path / "nan.obj").write_text("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     (tmp_path / "part.step").write_text("ISO-10303-21;")

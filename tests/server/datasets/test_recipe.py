@@ -79,6 +79,13 @@ def test_parameter_is_drawn_from_its_range(tmp_path: Path) -> None:
     assert draw(overrides).settings[0].mode is EffectMode.ALWAYS
 
 
+def test_curve_is_read_beside_the_recipe(tmp_path: Path) -> None:
+    (tmp_path / "curve.csv").write_text("light,grey\n0,0\n0.4,180\n2,255\n")
+    overrides = read_overrides(tmp_path, "Response=auto", "ResponseCurve=curve.csv")
+    curve = draw(overrides).settings[0].effect.curve
+    assert curve == ((0.0, 0.0), (0.4, 180.0), (2.0, 255.0))
+
+
 def test_effect_of_a_mirror_is_left_out_for_a_lens(tmp_path: Path) -> None:
     overrides = read_overrides(tmp_path, "ShotNoise=auto", "SelfView=auto")
     assert {one.effect.name for one in draw(overrides).settings} == {"ShotNoise", "SelfView"}
@@ -108,6 +115,7 @@ def test_effects_that_the_recipe_does_not_name_stay(tmp_path: Path) -> None:
         ("ShotNose=always", "ShotNose"),
         ("FullWell=(Min=9,Max=8)", "Min at most Max"),
         ("FullWell=(Min=-5,Max=8)", "FullWell"),
+        ("Response=auto\nResponseCurve=none.csv", "ResponseCurve='none.csv'"),
     ],
 )
 def test_wrong_effect_is_an_error_with_its_line(tmp_path: Path, line: str, message: str) -> None:

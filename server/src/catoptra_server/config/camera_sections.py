@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import math
 from contextlib import AbstractContextManager
+from typing import Any
 
 from catoptra_protocol.errors import ConfigError, DomainError
 from catoptra_protocol.optics.numerics import reject_overflow
 from catoptra_protocol.optics.radial_camera import Picture
 from catoptra_protocol.usarsim.configurations import CHASSIS_MOUNT
 from catoptra_server.config.ini_file import IniFile
-from catoptra_server.config.section_reader import SectionReader, Vector
+from catoptra_server.config.section_reader import SectionReader, Vector, read_columns
 from catoptra_server.effects import (
     EFFECT_TYPES,
     NO_EFFECT_SETTINGS,
@@ -222,10 +223,17 @@ def read_effect_settings(
 
 def _read_effect_setting(section: SectionReader, kind: EffectType) -> EffectSetting | None:
     """Setting of one effect; None without a mode."""
-    values = {
+    values: dict[str, Any] = {
         p.field: section.get_float(p.key, p.default, min_value=p.min_value, max_value=p.max_value)
         for p in kind.parameters
     }
+    curve = section.get_str(kind.curve_key, "") if kind.curve_key else ""
+    if curve:
+        rows = kind.curves.get(curve.lower())
+        if rows is None:
+            light, grey = read_columns(section, kind.curve_key, ("light", "grey"))
+            rows = tuple(zip(light, grey, strict=True)) or ((0.0, 0.0),)
+        values["curve"] = rows
     mode = section.get_choice(kind.name, _MODES, "")
     if not mode:
         return None

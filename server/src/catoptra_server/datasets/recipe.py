@@ -279,6 +279,8 @@ class EffectOverrides:
     values: tuple[tuple[str, ValueRange], ...] = ()
     """Parameter, and the range."""
     where: SourceLocation = SourceLocation("")
+    curves: tuple[tuple[str, str], ...] = ()
+    """Key of a curve, and its name or file."""
 
 
 def draw_effects(
@@ -329,7 +331,7 @@ def _read_settings(
         for name, mode in overrides.modes
         if _is_possible(EFFECT_TYPES[name], has_mirror=has_mirror, has_viewpoint=has_viewpoint)
     ]
-    texts = (*modes, *((key, repr(value)) for key, value in drawn.items()))
+    texts = (*modes, *overrides.curves, *((key, repr(value)) for key, value in drawn.items()))
     entries = [Entry(key, text, "", overrides.where) for key, text in texts]
     section = SectionReader(_EFFECTS_SECTION, overrides.where, entries)
     return read_effect_settings(section, has_mirror=has_mirror, has_viewpoint=has_viewpoint)
@@ -360,7 +362,9 @@ def read_effects(file: IniFile) -> EffectOverrides:
                 section, parameter.key, ValueRange(0.0, 0.0), min_value=low, max_value=high
             )
             values.append((parameter.key, found))
-    overrides = EffectOverrides(tuple(modes), tuple(values), section.where)
+    keys = (kind.curve_key for kind in EFFECT_TYPES.values() if kind.curve_key)
+    curves = tuple((key, text) for key in keys if (text := section.get_str(key, "")))
+    overrides = EffectOverrides(tuple(modes), tuple(values), section.where, curves)
     # Combinations that cannot be drawn are found now, not in the middle of the data set.
     for end in ("low", "high"):
         drawn = {key: float(getattr(values, end)) for key, values in overrides.values}

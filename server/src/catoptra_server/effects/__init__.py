@@ -44,7 +44,7 @@ of its own, which the kernel calls for a cell of pixels: stages share passes, an
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from enum import Enum, StrEnum
 from functools import lru_cache
@@ -407,8 +407,15 @@ class EffectSettings:
     """PROVED: an effect whose bound is above the threshold is drawn everywhere and counts as
     enabled, whatever the frame shows."""
     _hash: int = field(init=False, repr=False, compare=False)
+    _contrast: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        factors = (
+            getattr(one.effect, "contrast", 1.0)
+            for one in self.settings
+            if one.mode is not EffectMode.NEVER
+        )
+        object.__setattr__(self, "_contrast", max(factors, default=1.0))
         rule = (self.max_change, self.visible_share, self.threshold_px, self.basis)
         object.__setattr__(self, "_hash", hash((self.settings, rule)))
 
@@ -427,8 +434,17 @@ class EffectSettings:
 
     @property
     def threshold(self) -> Threshold:
-        """Change that nobody misses, in the finished picture."""
-        return Threshold(self.max_change, visible_share=self.visible_share)
+        """Change that nobody misses, in the finished picture.
+
+        Smaller where a response curve shows changes larger than gains would.
+        """
+        if self._contrast == 1.0:
+            return Threshold(self.max_change, visible_share=self.visible_share)
+        # Pixels are counted by changes as of gains: none may change visibly then.
+        largest = VISIBLE_LEVELS if self.visible_share < 1.0 else math.inf
+        return Threshold(
+            min(self.max_change, largest) / self._contrast, visible_share=self.visible_share
+        )
 
     def is_negligible(self, bound: EffectBound) -> bool:
         """Whether `auto` leaves out an effect of a bound."""
@@ -536,6 +552,10 @@ class EffectType:
     """Whether behind a mirror only one with a single viewpoint can have the effect."""
     find_fault: Callable[[Any], ParameterFault | None] | None = None
     """Finds what parameters ask for together that cannot be drawn; None: each alone is enough."""
+    curve_key: str = ""
+    """Key of a curve, the factory's argument `curve`: a name, or a file of light and grey."""
+    curves: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
+    """Curves by name."""
 
 
 EFFECT_TYPES: LazyTable[EffectType] = LazyTable(

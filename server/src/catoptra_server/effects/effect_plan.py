@@ -271,7 +271,7 @@ def _thresholds(
     # In mode always an effect is drawn everywhere, however little it changes.
     return {
         decision.effect: Threshold(
-            settings.max_change
+            settings.threshold.max_change
             if setting.mode is EffectMode.AUTO and settings.basis is DecisionBasis.MEASURED
             else -1.0,
             gains,
@@ -377,7 +377,7 @@ def _decide(setting: EffectSetting, bound: EffectBound, settings: EffectSettings
         effect=setting.effect.name,
         enabled=enabled,
         bound=bound.value,
-        threshold=settings.max_change,
+        threshold=settings.threshold.max_change,
         share_threshold=settings.visible_share,
         visible_share=EffectChange(bound.value).visible_share,
         reason=f"{prefix}{bound.reason}",

@@ -9,17 +9,22 @@ import pytest
 
 from catoptra_protocol.labels import SKY_CLASS
 from catoptra_protocol.optics.cube_map import Face
-from catoptra_server.effects import Threshold
+from catoptra_server.effects import EffectMode, EffectSetting, EffectSettings, Threshold
+from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
+from catoptra_server.effects.effect_plan import apply_scene_effects, plan_effects
+from catoptra_server.effects.scene.motion_blur import MotionBlur
 from catoptra_server.frames.labels import LabelledImage
 from catoptra_server.frames.labels.label_renderer import LabelRenderer
 from catoptra_server.render.renderer import FaceCamera
 from catoptra_server.render.trace.ray_table import face_ray_table
 from catoptra_server.render.trace.trace_engine import TraceRequest
 from catoptra_server.render.trace.trace_renderer import EngineName
-from catoptra_server.world.objects import FogMedium, Shutter
+from catoptra_server.world.objects import CameraState, FogMedium, Shutter
 from catoptra_server.world.panorama import make_panorama, texel_directions
 from catoptra_server.world.scene_mesh import build_scene
-from catoptra_server.world.world_description import Twist
+from catoptra_server.world.sky import SkyDescription, compute_sky
+from catoptra_server.world.world_description import Twist, srgb_from_linear
+from helpers.motion_reference import average_frames
 from helpers.trace_engines import ENGINES, open_engine, open_renderer, render_rays
 from helpers.worlds import (
     CAMERA_STATE,
@@ -89,6 +94,28 @@ def test_moving_camera_blurs_the_sky_as_the_mean_of_instants() -> None:
             view.close()
     difference = np.abs(pictures[0] - pictures[1]).max(axis=-1)
     assert np.percentile(difference, 99.0) <= 6
+
+
+@pytest.mark.parametrize("turn_deg_s", [20.0, 60.0, 180.0])
+@pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (0.0, 1.0, 0.0)], ids=["yaw", "pitch"])
+def test_clouds_and_sun_blur_as_the_mean_of_64_frames(
+    turn_deg_s: float, axis: tuple[float, float, float]
+) -> None:
+    clouds, _ = compute_sky(SkyDescription(0.58, -1.0, clouds=0.45, seed=6), 512)
+    world, exposure_s = under_sky(replace(make_test_world(), items=()), clouds), 1.0 / 30.0
+    camera, scene = make_omni_camera(width_px=160), build_scene(world)
+    turn = (*(np.radians(turn_deg_s) * np.array(axis)).tolist(),)
+    state = CameraState(CAMERA_STATE.world_from_mirror, twist=Twist((0.0, 0.0, 0.0), turn))
+    summary = SceneSummarizer(scene, world).summarize(state, camera)
+    blur = EffectSettings((EffectSetting(MotionBlur(exposure_s), EffectMode.ALWAYS),))
+    moving = apply_scene_effects(state, plan_effects(blur, summary, camera))
+    with open_renderer("kernel", world) as renderer:
+        view = renderer.prepare(camera, make_plan(camera, samples=2))
+        frames = average_frames(view, state, exposure_s, 64)
+        pictures = (view.render_linear(moving), frames)
+        levels = [np.rint(255.0 * srgb_from_linear(one)) for one in pictures]
+        view.close()
+    assert np.mean(np.abs(levels[0] - levels[1]).max(axis=-1) <= 2.0) >= 0.99
 
 
 def test_labels_of_the_sky_are_its_class_without_object_or_range() -> None:

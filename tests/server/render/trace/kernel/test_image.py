@@ -48,7 +48,7 @@ STRONG = {
     "Misalignment": {"x_m": 1e-3, "y_m": -5e-4},
     "Exposure": {"exposure_s": 0.02},
     "WhiteBalance": {"red_gain": 1.4, "blue_gain": 0.7},
-    "Response": {"knee": 0.3, "white": 2.0},
+    "Response": {"knee": 0.3, "white": 2.0, "curve": ((0.0, 0.0), (0.4, 180.0), (2.0, 255.0))},
     "Blooming": {"overflow_fraction": 0.5, "length_px": 11.0},
     "Defocus": {"f_number": 1.4},
     "DefocusByDepth": {"f_number": 1.4},

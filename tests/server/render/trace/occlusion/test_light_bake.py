@@ -18,7 +18,10 @@ from catoptra_server.effects.bounds.light_loss import ObjectRadiances
 from catoptra_server.effects.bounds.scene_summarizer import SceneSummarizer
 from catoptra_server.effects.effect_plan import EffectDecision, plan_effects
 from catoptra_server.effects.kernels.grey_levels import measure_change
+from catoptra_server.frames.labels import LabelledImage
+from catoptra_server.frames.labels.label_renderer import LabelRenderer
 from catoptra_server.render.raster import RasterRenderer
+from catoptra_server.render.trace import TraceRenderer
 from catoptra_server.render.trace.kernel.library import available_instruction_sets
 from catoptra_server.render.trace.occlusion import light_bake
 from catoptra_server.render.trace.occlusion.light_bake import (
@@ -46,6 +49,7 @@ from catoptra_server.world.world_description import (
     Material,
     RectangleLight,
     SphereBand,
+    SurfaceGloss,
     World,
     srgb_from_linear,
 )
@@ -59,7 +63,9 @@ from helpers.worlds import (
     HEMISPHERE_LIGHT,
     make_omni_camera,
     make_plan,
+    make_smooth_sky,
     make_test_world,
+    under_sky,
 )
 
 GREY = Material((0.5, 0.5, 0.5))
@@ -285,6 +291,36 @@ def test_both_engines_draw_baked_light_on_surfaces_and_objects() -> None:
         filled, traced, share = render_filled_and_traced(engine, rays, exposure)
     assert share > 0.2
     assert level_differences(filled, traced).max() <= 2
+
+
+def test_labels_ranges_and_flow_are_the_same_to_the_bit_in_any_light() -> None:
+    lamp = RectangleLight((0.4, 0.3, -1.8), (0.0, 0.0, 1.0), (0.5, 0.3), (2.0, 1.0, 0.5))
+    plain = make_test_world(lights=())
+    lit = replace(plain, lights=(HEMISPHERE_LIGHT, DIRECTIONAL_LIGHT), area_lights=(lamp,))
+    lit = under_sky(
+        replace(
+            lit,
+            items=tuple(
+                replace(one, material=replace(one.material, gloss=SurfaceGloss(0.1, 0.1)))
+                for one in lit.items
+            ),
+        ),
+        make_smooth_sky(),
+    )
+    baked = bake_light(build_scene(lit), lit, 2, threads=1).apply(build_scene(lit), lit)
+    pose = Pose.from_rpy((0.31, 0.17, -0.6), (0.02, -0.03, 0.3))
+    state = CameraState(pose, TWO_ROBOTS)
+    moved = replace(state, world_from_mirror=pose @ Pose.from_rpy((0.1, 0.0, 0.0)))
+    image = LabelledImage(make_omni_camera(width_px=160), replace(state, has_shadows=True))
+    found = []
+    for scene, world in ((build_scene(plain), plain), baked):
+        renderer = TraceRenderer(scene, world, threads=1)
+        labels = LabelRenderer(renderer, scene)
+        found.append(labels.render(image, ("range", "normal", "point", "ids", "flow"), moved))
+        labels.close()
+        renderer.close()
+    for name, channel in found[0].channels.items():
+        np.testing.assert_array_equal(channel, found[1].channels[name])
 
 
 def test_filled_tiles_of_textures_have_the_light_of_their_own_pixels(tmp_path: Path) -> None:

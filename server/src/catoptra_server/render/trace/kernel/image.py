@@ -498,5 +498,7 @@ STAGE_MAKERS: Mapping[str, Callable[[Any, ExposedImage], _StageWithMaps]] = {
     "WhiteBalance": lambda effect, exposed: _make(
         _CLIPPED_GAIN, numbers=(effect.red_gain, 1.0, effect.blue_gain)
     ),
-    "Response": lambda effect, exposed: _make(_RESPONSE, numbers=effect.numbers),
+    "Response": lambda effect, exposed: _make(
+        _RESPONSE, effect.table if effect.curve else None, numbers=effect.numbers
+    ),
 }

@@ -12,7 +12,8 @@ enum {
     STAGE_GAIN = 0,      /* L g;  maps[0] g (h, w) or NULL for numbers[0..2] by colour */
     STAGE_AUTO_GAIN = 1, /* L target / mean luminance;  numbers: target, least and largest gain */
     STAGE_CLIPPED_GAIN = 2, /* min(L, 1) numbers[0..2] */
-    STAGE_RESPONSE = 3,  /* a shoulder;  numbers: knee, 1 - knee, 1 / white^2 above it */
+    STAGE_RESPONSE = 3,  /* maps[0] light shown by L / (1 + L), or NULL for a
+                          * shoulder;  numbers: knee, 1 - knee, 1 / white^2 above it */
     STAGE_COVER = 4,     /* L + c (numbers[0] mean luminance - L);  maps[0] c (h, w) */
     STAGE_PATTERN = 5,   /* L g + o;  maps[0] g, maps[1] o (3, h, w) */
     STAGE_QUANTISE = 6,  /* codes;  numbers[0] of white */

@@ -11,6 +11,8 @@
 #include <string.h>
 
 #define SQRT_HALF 0.70710678f
+/* Twin: NUM_INTERVALS of effects/sensor/response.py. */
+#define RESPONSE_STEPS 4096
 
 typedef void ChangeCell(const Pass *pass, const ImageStage *stage, const Cell *cell,
                         CellValues *cells);
@@ -69,9 +71,37 @@ static void change_clipped_gain(const Pass *pass, const ImageStage *stage, const
     }
 }
 
+static void change_curve(const float *table, const Cell *cell, CellValues *cells) {
+    EACH_ROW(cells, cell) {
+        float *values = cells->values[plane][row];
+        Floats16 light = load16(values);
+        Ints16 is_bent = light > 0.0f;
+        if (!bits16(is_bent))
+            continue;
+        Floats16 lit = select16(is_bent, light, splat16(0.0f));
+        Floats16 place = lit / (1.0f + lit) * (float)RESPONSE_STEPS;
+        place = least16(place, splat16(RESPONSE_STEPS - 0.001f)); /* of infinite light, too */
+        Ints16 left = __builtin_convertvector(place, Ints16);
+        Longs16 pairs;
+        for (int x = 0; x < CELL_COLUMNS; x++) {
+            int64_t pair;
+            memcpy(&pair, table + left[x], sizeof pair);
+            pairs[x] = pair;
+        }
+        Floats16 low = (Floats16)__builtin_convertvector(pairs, Ints16);
+        Floats16 high = (Floats16)__builtin_convertvector(pairs >> 32, Ints16);
+        place -= __builtin_convertvector(left, Floats16);
+        store16(select16(is_bent, low + place * (high - low), light), values);
+    }
+}
+
 static void change_response(const Pass *pass, const ImageStage *stage, const Cell *cell,
                             CellValues *cells) {
     (void)pass;
+    if (stage->maps[0]) {
+        change_curve(stage->maps[0], cell, cells);
+        return;
+    }
     float knee = stage->numbers[0], above = stage->numbers[1], inverse = stage->numbers[2];
     EACH_ROW(cells, cell) {
         float *values = cells->values[plane][row];
