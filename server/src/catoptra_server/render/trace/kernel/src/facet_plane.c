@@ -132,17 +132,13 @@ void place_plane_texels(const FrameState *state, int32_t triangle, const FacetPl
     place_textures(&from, &points, 0xffff, placed);
 }
 
-void light_texels(const struct PlacedTexels *placed, Vec3 radiance, float result[3][BLOCK_RAYS]) {
+void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *plane,
+                   const RayBlock *rays, Vec3 radiance, float result[3][BLOCK_RAYS]) {
     float factors[3] = {radiance.x, radiance.y, radiance.z};
-    mix_textures(placed, result);
+    PlacedTexels placed;
+    place_plane_texels(state, triangle, plane, rays, &placed);
+    mix_textures(&placed, result);
     for (int channel = 0; channel < 3; channel++)
         for (int lane = 0; lane < BLOCK_RAYS; lane++)
             result[channel][lane] *= factors[channel];
-}
-
-void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *plane,
-                   const RayBlock *rays, Vec3 radiance, float result[3][BLOCK_RAYS]) {
-    PlacedTexels placed;
-    place_plane_texels(state, triangle, plane, rays, &placed);
-    light_texels(&placed, radiance, result);
 }

@@ -21,11 +21,9 @@ FacetPlane span_plane(Vec3 first, Vec3 second, Vec3 third, const double *uv);
 /* Distances at which rays meet the plane. */
 void find_distances(const FacetPlane *plane, const RayBlock *rays, float distances[BLOCK_RAYS]);
 
-/* Texels of the facet's texture where the rays meet its plane, requested from memory; and one
- * radiance times these, (3, 16). */
+/* Texels of the facet's texture where the rays meet its plane, requested from memory. */
 void place_plane_texels(const FrameState *state, int32_t triangle, const FacetPlane *plane,
                         const RayBlock *rays, struct PlacedTexels *placed);
-void light_texels(const struct PlacedTexels *placed, Vec3 radiance, float result[3][BLOCK_RAYS]);
 
 /* One radiance times the facet's texture where the rays meet its plane, (3, 16). */
 void texture_block(const FrameState *state, int32_t triangle, const FacetPlane *plane,
