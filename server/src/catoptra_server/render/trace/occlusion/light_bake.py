@@ -227,7 +227,7 @@ class LightBake:
         textures = hole_textures(scene) if scene.coverage is not None else None
         shines = scene.unlit if scene.emission is None else scene.unlit | scene.emission.any(axis=1)
         rows = scene.casts_shadows | shines
-        self._rows = np.flatnonzero(rows)
+        self._loose = np.flatnonzero(rows & (frames.patch_of < 0))
         mesh = self._commit(rows, textures)
         has_same = bool((rows == scene.casts_shadows).all())
         casters = mesh if has_same else self._commit(scene.casts_shadows, textures)
@@ -258,7 +258,7 @@ class LightBake:
             "axes": axes.astype(np.float32),
             "normals": normals.astype(np.float32),
             "grid_of": frames.patch_of[rows],
-            "slot_of": np.arange(size, size + len(self._rows), dtype=np.int32),
+            "slot_of": (size - 1 + np.cumsum(frames.patch_of[rows] < 0)).astype(np.int32),
             "turns": np.stack((cos(turns), sin(turns)), axis=-1).astype(np.float32),
             "backs": self._backs,
             "hits": self._hits,
@@ -273,7 +273,7 @@ class LightBake:
             num_nodes=len(grid),
             first_probe=len(self._nodes.patch),
             width=self._is_node.shape[1],
-            sky_slot=size + len(self._rows),
+            sky_slot=size + len(self._loose),
             sky_side=_SKY_SIDE,
             num_rays=RAYS_PER_PASS,
             num_lamps=len(self._lamps),
@@ -340,7 +340,7 @@ class LightBake:
             radiance = albedo * (light + reflected)[:count] + shine * emission
             table[texel] = np.where(source[:, None] >= 0, radiance[source], np.float32(-1.0))
             at_nodes = np.average(light[:count], axis=0)
-            table[size : size + len(self._rows)] = self._triangle_radiance(at_nodes, shine)
+            table[size : size + len(self._loose)] = self._triangle_radiance(at_nodes, shine)
             self._gather_means(table, means)
             gathered = means + lit
             before, change = np.abs(change).max(axis=0, initial=0.0), gathered - light
@@ -392,7 +392,7 @@ class LightBake:
 
     def _triangle_radiance(self, irradiance: _Float32s, shine: np.float32) -> Floats:
         """(t, 3) radiance of triangles without a grid, by a mean irradiance."""
-        scene, rows = self._scene, self._rows
+        scene, rows = self._scene, self._loose
         radiance = self._albedo[rows] * np.where(scene.unlit[rows, None], shine, irradiance)
         return radiance if scene.emission is None else radiance + shine * scene.emission[rows]
 
