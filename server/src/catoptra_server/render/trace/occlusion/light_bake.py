@@ -104,7 +104,7 @@ _SKY_SIDE = 64
 # Of the brightest clouds, twice: the sun's disc, a texel of the sky here, is brighter.
 _MAX_SKY = 4.0
 _GOLDEN = 0.6180339887
-_MAX_BOUNCES = 48
+_MAX_BOUNCES = 128
 # Of the brightest node: what further bounces may add together, in the first pass and in others,
 # which start from the mean of those before.
 _REMAINDERS = 1e-6, 1e-3
@@ -291,6 +291,7 @@ class LightBake:
         self._owners.append(mesh)
         return mesh
 
+    @np.errstate(under="ignore")  # an underflow is black
     def cast(self) -> None:
         """Cast the rays of one more pass, and gather its light."""
         # Sobol's points repeat beyond 256: each pass is shifted otherwise.
@@ -318,7 +319,6 @@ class LightBake:
             is_inside |= self._nodes.patch == len(self._frames.origin) - 1
         return is_inside
 
-    @np.errstate(under="ignore")  # an underflow is black
     def _solve(self, group: str, source: npt.NDArray[np.intp], mean: Floats) -> _Float32s:
         """(n, 3) irradiance of nodes and probes after all bounces, by the rays of the last pass.
 
@@ -447,6 +447,7 @@ class LightBake:
         at = np.indices(self._probes.faces.shape[:3]).reshape(3, -1).T
         return np.asarray(self._probes.first + at * self._probes.step)
 
+    @np.errstate(under="ignore")  # an underflow is black
     def finish(self) -> dict[str, NodeLight]:
         """Light of the scene by groups of lamps, the empty one for all the rest: two passes at
         least."""
