@@ -215,7 +215,6 @@ class LightBake:
         self._backs = np.zeros(count, dtype=np.int32)
         self._lamp_light = np.zeros((2, count, len(self._columns)), dtype=np.float32)
         self._sequence = _make_sequence(MAX_PASSES * RAYS_PER_PASS)
-        self._map = self._make_map(np.zeros((3, *self._is_node.shape), dtype=np.uint16))
         self._job = self._make_job()
         self._sky = self._make_table()
         # Mean of the passes and the sum of their squared differences from it.
@@ -264,7 +263,8 @@ class LightBake:
             "hits": self._hits,
             "light": self._lamp_light[1],
         }
-        patches = patch_structs(self._map, scene.centre)
+        dark = np.zeros((3, *self._is_node.shape), dtype=np.uint16)
+        patches = patch_structs(self._make_map(dark), scene.centre)
         arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
         self._owners += [arrays, patches, lamps, textures]
         job = BakeJob(
@@ -336,12 +336,19 @@ class LightBake:
         light = lit.copy() if is_first else mean.astype(np.float32)
         change, means = np.zeros_like(light), np.zeros_like(light)
         ratio, remainder = np.full(3, np.float32(0.99)), _REMAINDERS[not is_first]
+        job = GatherJob(
+            num_nodes=len(means),
+            num_rays=RAYS_PER_PASS,
+            hits=self._hits.ctypes.data,
+            radiance=table.ctypes.data,
+            means=means.ctypes.data,
+        )
         for _ in range(_MAX_BOUNCES):
             radiance = albedo * (light + reflected)[:count] + shine * emission
             table[texel] = np.where(source[:, None] >= 0, radiance[source], np.float32(-1.0))
             at_nodes = np.average(light[:count], axis=0)
             table[size : size + len(self._loose)] = self._triangle_radiance(at_nodes, shine)
-            self._gather_means(table, means)
+            self._device.gather(job)
             gathered = means + lit
             before, change = np.abs(change).max(axis=0, initial=0.0), gathered - light
             light = gathered
@@ -418,16 +425,6 @@ class LightBake:
         number = np.cumsum(self._is_node) - 1
         chosen = source[self._is_node]
         return np.where(chosen >= 0, number[chosen], -1)
-
-    def _gather_means(self, table: _Float32s, means: _Float32s) -> None:
-        job = GatherJob(
-            num_nodes=len(means),
-            num_rays=RAYS_PER_PASS,
-            hits=self._hits.ctypes.data,
-            radiance=table.ctypes.data,
-            means=means.ctypes.data,
-        )
-        self._device.gather(job)
 
     def _finish_probes(self, means: Floats) -> LightProbes:
         """Probes of (6 p, 3) means; those that see backs have the light of the nearest other."""
