@@ -32,6 +32,10 @@ SUNLIGHT = {
     "float64": {"rel": 2e-4, "abs": 1e-9, "reason": "12 steps of a way to the sun; and night"},
     "float32": {"rel": 2e-4, "abs": 1e-9, "reason": "12 steps of a way to the sun; and night"},
 }
+STATED = {
+    "float64": {"abs": 0.01, "reason": "99 of 100 nodes"},
+    "float32": {"abs": 0.01, "reason": "99 of 100 nodes"},
+}
 FORM_FACTOR = {
     "float64": {"rel": 1e-12, "abs": 1e-14, "reason": "sums of angles that cancel"},
     "float32": {"rel": 1e-4, "abs": 1e-6, "reason": "sums of angles that cancel"},
@@ -121,6 +125,22 @@ def sunlight_rows() -> list[dict[str, Any]]:
     ]
 
 
+def stated_rows() -> list[dict[str, Any]]:
+    """Cases of the stated error of baked light: a rectangle over a floor, without a reflection."""
+    names = ("distance_m", "half_x_m", "half_y_m")
+    lamps = {
+        "a lamp in a room": (2.0, 0.3, 0.2),
+        "a large window": (1.0, 1.0, 1.0),
+        "close to the floor": (0.3, 0.3, 0.2),
+        "a small lamp": (1.0, 1e-3, 1e-3),
+        "a tube": (1.0, 0.6, 0.01),
+    }
+    return [
+        case(name, dict(zip(names, lamp, strict=True)), exact=none_beyond, tolerance=STATED)
+        for name, lamp in lamps.items()
+    ]
+
+
 def beside_rows() -> list[dict[str, Any]]:
     """Cases of a box before a point whose horizon cuts it: a robot beside a spot of the floor."""
     names = ("distance_m", "half_width_m", "height_m", "below_m")
@@ -205,6 +225,11 @@ def depths(elevation_deg: Any) -> tuple[Any, Any]:
         return depth(8000), depth(1200)
 
 
+def none_beyond(distance_m: Any, half_x_m: Any, half_y_m: Any) -> Any:
+    """0 of all nodes."""
+    return mpf(0) * distance_m * half_x_m * half_y_m
+
+
 def encode(linear: Any) -> Any:
     """IEC 61966-2-1's curve of light clipped to [0, 1]."""
     light = min(max(linear, mpf(0)), mpf(1))
@@ -235,5 +260,7 @@ if __name__ == "__main__":
     write("light", "point_irradiance", lamp_rows())
     write("light", "furnace", furnace_rows())
     write("light", "sunlight", sunlight_rows())
+    write("light", "probe", furnace_rows())
+    write("light", "beyond_stated", stated_rows())
     write("light", "box_beside", beside_rows())
     write("light", "box_above", above_rows())

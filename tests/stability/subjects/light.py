@@ -10,13 +10,21 @@ import numpy as np
 from catoptra_protocol.optics.numerics import Floats
 from catoptra_protocol.optics.transforms import Pose
 from catoptra_server.render.trace.occlusion.light_bake import bake_light
+from catoptra_server.render.trace.occlusion.occlusion_cache import NodeLight
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
 from catoptra_server.render.trace.reference import reference_engine as ray_batches
 from catoptra_server.world import shading
 from catoptra_server.world import world_description as colour
-from catoptra_server.world.scene_mesh import build_scene
+from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.sky import SkyDescription, compute_sunlight
-from catoptra_server.world.world_description import Box, Item, Material, PointLight, World
+from catoptra_server.world.world_description import (
+    Box,
+    Item,
+    Material,
+    PointLight,
+    RectangleLight,
+    World,
+)
 
 
 def _encode(linear: float) -> Floats:
@@ -40,8 +48,8 @@ def _irradiance(height_m: float) -> float:
     return float(shading.point_irradiance((lamp,), floor, up)[0, 0])
 
 
-def _furnace(albedo: float) -> float:
-    """Baked irradiance in the middle of the floor of a closed room that emits the radiance 1."""
+def _bake_furnace(albedo: float) -> tuple[SceneMesh, NodeLight]:
+    """Baked light of a closed room that emits the radiance 1."""
     material, walls = Material((albedo,) * 3), ((0.0, -2.2), (0.0, 0.2), (-1.2, -1.0), (1.2, -1.0))
     items = [
         Item(
@@ -59,7 +67,45 @@ def _furnace(albedo: float) -> float:
     world = World("furnace", tuple(items))
     scene = build_scene(world)
     scene = replace(scene, emission=np.ones((len(scene), 3)))
-    light = bake_light(scene, world, 2, threads=1)
+    return scene, bake_light(scene, world, 2, threads=1)
+
+
+def _probe(albedo: float) -> float:
+    """Irradiance of an object's side in the middle of the same room."""
+    _, light = _bake_furnace(albedo)
+    return float(light.probes.find_light(np.array([0.0, 0.0, -1.0])).faces[2, 0])
+
+
+def _beyond_stated(distance_m: float, half_x_m: float, half_y_m: float) -> float:
+    """Share of nodes below a rectangle whose light is off by more than the stated error."""
+    size = (2.0 * half_x_m, 2.0 * half_y_m)
+    lamp = RectangleLight((0.0, 0.0, -distance_m), (0.0, 0.0, 1.0), size, (1.0, 1.0, 1.0))
+    floor = Item(
+        "floor", Box((3.0, 3.0, 0.2)), Pose.from_rpy((0.0, 0.0, 0.1)), Material((0.5,) * 3)
+    )
+    world = World("floor", (floor,), area_lights=(lamp,))
+    scene = build_scene(world)
+    light = bake_light(scene, world, 16, threads=1)
+    grid = light.occlusion.patch_of[np.flatnonzero(scene.normals[:, 2] < -0.5)[0]]
+    left, top, right, bottom = light.occlusion.bounds[grid].tolist()
+    # Without the outermost, which stand within the border.
+    row, column = (one.reshape(-1) for one in np.mgrid[top + 1 : bottom, left + 1 : right])
+    rows = np.stack(
+        (light.occlusion.columns_from_world[grid], light.occlusion.rows_from_world[grid])
+    )
+    places = np.linalg.solve(rows[:, :2], np.stack((column, row)) - rows[:, 3:])
+    # Nodes stand 3 mm before their surface.
+    points = np.column_stack((places.T, np.full(len(column), distance_m - 0.003)))
+    thin = np.array([half_x_m, half_y_m, 1e-9])
+    factors = shading.box_form_factors(points, np.tile([0.0, 0.0, -1.0], (len(points), 1)), thin)
+    exact = math.pi * factors / (size[0] * size[1])
+    difference = np.abs(light.light[row, column, 0] - exact)
+    return float((difference > light.error[row, column, 0]).mean())
+
+
+def _furnace(albedo: float) -> float:
+    """Irradiance in the middle of the floor of the same room."""
+    scene, light = _bake_furnace(albedo)
     up, at = np.array([[0.0, 0.0, 1.0]]), np.array([[0.1, 0.2, -1.0]])
     distances, triangles = commit_ray_caster(scene).closest_triangles(at, up)
     factors = light.occlusion.factors(triangles, at + distances[:, None] * up)
@@ -88,6 +134,8 @@ def _sunlight(elevation_deg: float, turbidity: float) -> Floats:
 SUBJECTS = {
     "sunlight": _sunlight,
     "furnace": _furnace,
+    "probe": _probe,
+    "beyond_stated": _beyond_stated,
     "box_beside": _box_beside,
     "box_above": _box_above,
     "srgb_from_linear": _encode,

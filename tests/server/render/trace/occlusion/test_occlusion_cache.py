@@ -8,16 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from catoptra_server.render.trace.occlusion import baking, occlusion_cache
+from catoptra_server.render.trace.occlusion import baking, light_bake, occlusion_cache
 from catoptra_server.render.trace.occlusion.occlusion_cache import (
     find_occlusion,
     hash_scene,
+    light_scene,
     wants_occlusion,
 )
 from catoptra_server.runtime.array_cache import ArrayCache
 from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.shading import OcclusionMap
-from catoptra_server.world.world_description import Material, World
+from catoptra_server.world.world_description import Material, RectangleLight, World
 from helpers.standing_things import FLOOR, SKY, make_box_world
 from helpers.worlds import DIRECTIONAL_LIGHT
 
@@ -79,12 +80,11 @@ def test_map_whose_indices_lead_astray_is_not_used(
     arrays = {field: getattr(baked, field) for field in FIELDS if field != "darkest"}
     one = {key: rows[:1] for key, rows in arrays.items() if key not in ("patch_of", "texels")}
     few = {**one, "patch_of": np.zeros(len(SCENE), np.int32), "texels": arrays["texels"]}
-    assert occlusion_cache._is_sound(OcclusionMap(**few), len(SCENE))
     (file,) = tmp_path.iterdir()
     # With a right digest: written by a program that is not ours.
-    foreign = {**few, name: value}
-    ArrayCache(tmp_path).write(file.stem, [foreign[field] for field in occlusion_cache._ARRAYS])
-    assert_same(find_occlusion(SCENE, tmp_path), baked)
+    for foreign, expected in ((few, OcclusionMap(**few)), ({**few, name: value}, baked)):
+        ArrayCache(tmp_path).write(file.stem, [foreign[field] for field in occlusion_cache._ARRAYS])
+        assert_same(find_occlusion(SCENE, tmp_path), expected)
 
 
 def test_world_wants_a_map_if_it_says_so_and_could_show_it() -> None:
@@ -110,3 +110,27 @@ def test_world_of_unlit_facets_alone_has_no_map() -> None:
     items = tuple(replace(item, material=glowing) for item in WORLD.items)
     world = World("glow", items, lights=(SKY,))
     assert not wants_occlusion(build_scene(world), world)
+
+
+@pytest.mark.parametrize("fault", ["a damaged file", "an unwritable folder"])
+def test_faulty_cache_of_light_costs_one_warning_and_changes_nothing(
+    fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    lamp = RectangleLight((0.0, 0.0, -2.0), (0.0, 0.0, 1.0), (0.5, 0.5), (1.0, 1.0, 1.0))
+    world = replace(make_box_world(), area_lights=(lamp,), light_bake=True)
+    scene = build_scene(world)
+    monkeypatch.setattr(light_bake, "MAX_NODES", 400)
+    monkeypatch.setattr(light_bake, "MAX_PROBES", 8)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    expected = light_scene(scene, world)
+    (file,) = (tmp_path / "catoptra/light").iterdir()
+    if fault == "a damaged file":
+        file.write_bytes(file.read_bytes()[:-1])
+    else:
+        monkeypatch.setenv("XDG_CACHE_HOME", str(file))
+    lit = light_scene(scene, world)
+    assert len([one for one in caplog.records if one.levelname == "WARNING"]) == 1
+    assert lit.scene.occlusion is not None
+    assert expected.scene.occlusion is not None
+    np.testing.assert_array_equal(lit.scene.occlusion.texels, expected.scene.occlusion.texels)
+    assert lit.world.lights == expected.world.lights

@@ -104,7 +104,7 @@ _SKY_SIDE = 64
 # Of the brightest clouds, twice: the sun's disc, a texel of the sky here, is brighter.
 _MAX_SKY = 4.0
 _GOLDEN = 0.6180339887
-_MAX_BOUNCES = 48
+_MAX_BOUNCES = 128
 # Of the brightest node: what further bounces may add together, in the first pass and in others,
 # which start from the mean of those before.
 _REMAINDERS = 1e-6, 1e-3
@@ -215,7 +215,6 @@ class LightBake:
         self._backs = np.zeros(count, dtype=np.int32)
         self._lamp_light = np.zeros((2, count, len(self._columns)), dtype=np.float32)
         self._sequence = _make_sequence(MAX_PASSES * RAYS_PER_PASS)
-        self._map = self._make_map(np.zeros((3, *self._is_node.shape), dtype=np.uint16))
         self._job = self._make_job()
         self._sky = self._make_table()
         # Mean of the passes and the sum of their squared differences from it.
@@ -227,7 +226,7 @@ class LightBake:
         textures = hole_textures(scene) if scene.coverage is not None else None
         shines = scene.unlit if scene.emission is None else scene.unlit | scene.emission.any(axis=1)
         rows = scene.casts_shadows | shines
-        self._rows = np.flatnonzero(rows)
+        self._loose = np.flatnonzero(rows & (frames.patch_of < 0))
         mesh = self._commit(rows, textures)
         has_same = bool((rows == scene.casts_shadows).all())
         casters = mesh if has_same else self._commit(scene.casts_shadows, textures)
@@ -258,13 +257,14 @@ class LightBake:
             "axes": axes.astype(np.float32),
             "normals": normals.astype(np.float32),
             "grid_of": frames.patch_of[rows],
-            "slot_of": np.arange(size, size + len(self._rows), dtype=np.int32),
+            "slot_of": (size - 1 + np.cumsum(frames.patch_of[rows] < 0)).astype(np.int32),
             "turns": np.stack((cos(turns), sin(turns)), axis=-1).astype(np.float32),
             "backs": self._backs,
             "hits": self._hits,
             "light": self._lamp_light[1],
         }
-        patches = patch_structs(self._map, scene.centre)
+        dark = np.zeros((3, *self._is_node.shape), dtype=np.uint16)
+        patches = patch_structs(self._make_map(dark), scene.centre)
         arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
         self._owners += [arrays, patches, lamps, textures]
         job = BakeJob(
@@ -273,7 +273,7 @@ class LightBake:
             num_nodes=len(grid),
             first_probe=len(self._nodes.patch),
             width=self._is_node.shape[1],
-            sky_slot=size + len(self._rows),
+            sky_slot=size + len(self._loose),
             sky_side=_SKY_SIDE,
             num_rays=RAYS_PER_PASS,
             num_lamps=len(self._lamps),
@@ -291,6 +291,7 @@ class LightBake:
         self._owners.append(mesh)
         return mesh
 
+    @np.errstate(under="ignore")  # an underflow is black
     def cast(self) -> None:
         """Cast the rays of one more pass, and gather its light."""
         # Sobol's points repeat beyond 256: each pass is shifted otherwise.
@@ -318,7 +319,6 @@ class LightBake:
             is_inside |= self._nodes.patch == len(self._frames.origin) - 1
         return is_inside
 
-    @np.errstate(under="ignore")  # an underflow is black
     def _solve(self, group: str, source: npt.NDArray[np.intp], mean: Floats) -> _Float32s:
         """(n, 3) irradiance of nodes and probes after all bounces, by the rays of the last pass.
 
@@ -336,12 +336,19 @@ class LightBake:
         light = lit.copy() if is_first else mean.astype(np.float32)
         change, means = np.zeros_like(light), np.zeros_like(light)
         ratio, remainder = np.full(3, np.float32(0.99)), _REMAINDERS[not is_first]
+        job = GatherJob(
+            num_nodes=len(means),
+            num_rays=RAYS_PER_PASS,
+            hits=self._hits.ctypes.data,
+            radiance=table.ctypes.data,
+            means=means.ctypes.data,
+        )
         for _ in range(_MAX_BOUNCES):
             radiance = albedo * (light + reflected)[:count] + shine * emission
             table[texel] = np.where(source[:, None] >= 0, radiance[source], np.float32(-1.0))
             at_nodes = np.average(light[:count], axis=0)
-            table[size : size + len(self._rows)] = self._triangle_radiance(at_nodes, shine)
-            self._gather_means(table, means)
+            table[size : size + len(self._loose)] = self._triangle_radiance(at_nodes, shine)
+            self._device.gather(job)
             gathered = means + lit
             before, change = np.abs(change).max(axis=0, initial=0.0), gathered - light
             light = gathered
@@ -392,7 +399,7 @@ class LightBake:
 
     def _triangle_radiance(self, irradiance: _Float32s, shine: np.float32) -> Floats:
         """(t, 3) radiance of triangles without a grid, by a mean irradiance."""
-        scene, rows = self._scene, self._rows
+        scene, rows = self._scene, self._loose
         radiance = self._albedo[rows] * np.where(scene.unlit[rows, None], shine, irradiance)
         return radiance if scene.emission is None else radiance + shine * scene.emission[rows]
 
@@ -419,16 +426,6 @@ class LightBake:
         chosen = source[self._is_node]
         return np.where(chosen >= 0, number[chosen], -1)
 
-    def _gather_means(self, table: _Float32s, means: _Float32s) -> None:
-        job = GatherJob(
-            num_nodes=len(means),
-            num_rays=RAYS_PER_PASS,
-            hits=self._hits.ctypes.data,
-            radiance=table.ctypes.data,
-            means=means.ctypes.data,
-        )
-        self._device.gather(job)
-
     def _finish_probes(self, means: Floats) -> LightProbes:
         """Probes of (6 p, 3) means; those that see backs have the light of the nearest other."""
         faces = means.reshape(-1, 6, 3).copy()
@@ -447,6 +444,7 @@ class LightBake:
         at = np.indices(self._probes.faces.shape[:3]).reshape(3, -1).T
         return np.asarray(self._probes.first + at * self._probes.step)
 
+    @np.errstate(under="ignore")  # an underflow is black
     def finish(self) -> dict[str, NodeLight]:
         """Light of the scene by groups of lamps, the empty one for all the rest: two passes at
         least."""
