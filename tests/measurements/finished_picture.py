@@ -2,8 +2,8 @@
 light: .venv/bin/python tests/measurements/finished_picture.py [SIDE_PX]
 
 With --sheet FILE instead: the pictures of the field, rescue and the corridor at night (a 25th of
-the light), by day and at noon (four times as much), at one exposure. With --clean FILE those of the
-corridor and of the arena, above without and below with effects.
+the light), by day and at noon (four times as much), at one exposure. With --sheet FILE clean those
+of the corridor and of the arena, above without and below with effects.
 """
 
 from __future__ import annotations
@@ -59,11 +59,10 @@ def draw_sheet(path: str, rows: Sequence[tuple[str, Draw]], side_px: int = 240) 
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--sheet"]:
-        shown = ("four_legged_2006", "rescue", "corridor")
-        draw_sheet(sys.argv[2], [(world, draw_pair) for world in shown])
-    elif sys.argv[1:2] == ["--clean"]:
-        clean = partial(draw_pair, is_clean=True)
-        both = [(world, draw) for world in ("corridor", "arena") for draw in (clean, draw_pair)]
-        draw_sheet(sys.argv[2], both)
+        rows = [(world, draw_pair) for world in ("four_legged_2006", "rescue", "corridor")]
+        if sys.argv[3:] == ["clean"]:
+            clean = partial(draw_pair, is_clean=True)
+            rows = [(world, draw) for world in ("corridor", "arena") for draw in (clean, draw_pair)]
+        draw_sheet(sys.argv[2], rows)
     else:
         main(*map(int, sys.argv[1:]))
