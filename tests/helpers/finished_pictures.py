@@ -77,6 +77,7 @@ def draw_pair(
     velocity: PlanarVelocity = DRIVING,
     toggled: str = "",
     has_all: bool = False,
+    is_clean: bool = False,
 ) -> tuple[RenderedView, RenderedView]:
     """Pictures with effects by their criteria, and with all of them or without one; no noise.
 
@@ -90,6 +91,7 @@ def draw_pair(
         velocity: Motion of the robot.
         toggled: Effect that the second picture has where the criteria leave it out, and the other
             way round; all others, and all of the first picture, are forced to what they decide.
+        is_clean: Whether the first picture has no effect.
         has_all: Whether effects that the file has in mode never have their criterion, too.
     """
     with _open_camera(world, factor / exposure, factor, width_px, max_gain, renderer) as camera:
@@ -99,6 +101,7 @@ def draw_pair(
             if has_all and one.effect.name not in _RANDOM
             else one
             for one in camera.settings
+            if not is_clean
         )
         first = camera.draw(settings, state)
         if not toggled:

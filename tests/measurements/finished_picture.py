@@ -1,14 +1,18 @@
 """Differences of the pictures with effects by their criteria from those with all effects, in all
 light: .venv/bin/python tests/measurements/finished_picture.py [SIDE_PX]
 
-With --sheet FILE instead: the pictures of the field, rescue and the warehouse at night (a 25th of
-the light), by day and at noon (four times as much), at one exposure.
+With --sheet FILE instead: the pictures of the field, rescue and the corridor at night (a 25th of
+the light), by day and at noon (four times as much), at one exposure. With --sheet FILE clean those
+of the corridor and of the arena, above without and below with effects.
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -17,6 +21,7 @@ from PIL import Image
 
 from helpers.finished_pictures import draw_pair, find_differences
 
+Draw = Callable[..., tuple[Any, Any]]
 WORLDS = ("corridor", "four_legged_2006", "incidence_rings", "legacy", "rescue", "warehouse")
 SITUATIONS = (
     *((factor, None) for factor in (1e-4, 1e-3, 0.1, 1.0, 8.0)),
@@ -39,20 +44,25 @@ def main(side_px: int = 240) -> None:
             )
 
 
-def draw_sheet(path: str, side_px: int = 240) -> None:
-    """Write the pictures of three worlds, a row each, at night, by day and at noon."""
-    rows = [
+def draw_sheet(path: str, rows: Sequence[tuple[str, Draw]], side_px: int = 240) -> None:
+    """Write the pictures of worlds, a row each, at night, by day and at noon."""
+    pictures = [
         [
-            draw_pair(world, factor, width_px=side_px, exposure=factor)[0].image.rgb
+            draw(world, factor, width_px=side_px, exposure=factor)[0].image.rgb
             for factor in (0.04, 1.0, 4.0)
         ]
-        for world in ("four_legged_2006", "rescue", "warehouse")
+        for world, draw in rows
     ]
-    Image.fromarray(np.concatenate([np.concatenate(row, axis=1) for row in rows])).save(path)
+    sheet = np.concatenate([np.concatenate(row, axis=1) for row in pictures])
+    Image.fromarray(sheet).save(path)
 
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--sheet"]:
-        draw_sheet(*sys.argv[2:])
+        rows = [(world, draw_pair) for world in ("four_legged_2006", "rescue", "corridor")]
+        if sys.argv[3:] == ["clean"]:
+            clean = partial(draw_pair, is_clean=True)
+            rows = [(world, draw) for world in ("corridor", "arena") for draw in (clean, draw_pair)]
+        draw_sheet(sys.argv[2], rows)
     else:
         main(*map(int, sys.argv[1:]))

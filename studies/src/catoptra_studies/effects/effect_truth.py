@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -106,8 +107,8 @@ class EffectTruth:
     ) -> tuple[dict[str, EffectChange], CameraState, _Opening]:
         """Changes by scene effects, and the state and times with all drawn ones."""
         truths, opening = {}, _Opening()
-        of_world = [WORLD_EFFECTS[one.name] for one in effects if one.name in WORLD_EFFECTS]
-        state = replace(state, **dict.fromkeys(of_world, False))
+        for effect in effects:
+            state = _show_world(state, effect, is_shown=False)
         later = _drawn_images(effects, drawn)
         context = self._make_context(state, later)
         for effect in effects:
@@ -115,7 +116,7 @@ class EffectTruth:
                 continue
             changed, changed_opening = state, opening
             if effect.name in WORLD_EFFECTS:
-                changed = replace(state, **{WORLD_EFFECTS[effect.name]: True})
+                changed = _show_world(state, effect, is_shown=True)
             elif isinstance(effect, SelfView):
                 if state.ego_body is not None:
                     changed = replace(state, objects=(*state.objects, state.ego_body))
@@ -207,6 +208,14 @@ class EffectTruth:
         for effect in effects:
             light = effect.apply(light, self.camera, context)
         return _encode(light)
+
+
+def _show_world(state: CameraState, effect: Effect, *, is_shown: bool) -> CameraState:
+    """State with or without light that a world's file asks for, if the effect is such light."""
+    fields: dict[str, Any] = {}
+    if effect.name in WORLD_EFFECTS:
+        fields[WORLD_EFFECTS[effect.name]] = is_shown
+    return replace(state, **fields)
 
 
 def _drawn_images(effects: Sequence[Effect], drawn: frozenset[str]) -> tuple[ImageEffect, ...]:
