@@ -306,7 +306,8 @@ static void write_units(const BlurTile *blur) {
     /* write_pixels divides by the number of a sharp frame's samples. */
     float samples = (float)(state->rays->samples * state->rays->samples);
     const BlurPlan *plan = state->plan;
-    const float *known = plan->gathered[state->rays->tiles[blur->tile]] ? plan->blurred : plan->means;
+    const float *known =
+        plan->gathered[state->rays->tiles[blur->tile]] ? plan->blurred : plan->means;
     for (int i = 0; i < 3 * BLOCK_RAYS; i++)
         sums.sum[i / BLOCK_RAYS][i % BLOCK_RAYS] =
             samples * known[(size_t)blur->tile * 3 * BLOCK_RAYS + (size_t)i];

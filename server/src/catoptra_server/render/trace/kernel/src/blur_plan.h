@@ -2,7 +2,8 @@
  *
  * The sharp frame says by how much each tile's surfaces move, in pixels, and how much pixels differ
  * within reach of that motion, and how little light bends there. A pixel changes by no more than
- * that: most of a picture is left as it is. All decisions follow from the sharp frame alone, not
+ * that: most of a picture is left as it is. Where all moves as one, the samples of the sharp frame
+ * tell what passes (blur_gather.h), if no gloss and no moving shadow does. All decisions follow from the sharp frame alone, not
  * from threads.
  */
 #ifndef CATOPTRA_BLUR_PLAN_H
@@ -50,8 +51,8 @@ void note_hits(const FrameState *state, int tile, const RayBlock *rays, const Hi
 /* The same of a tile that one plane fills, or the background at a `triangle` below 0. */
 void note_plane(const FrameState *state, int tile, int32_t triangle);
 
-/* Take down that a part of a tile's light moves otherwise than its surfaces. */
-void note_apart(const FrameState *state, int tile);
+/* Take down that light on what a block of the table shows moves otherwise than its surfaces. */
+void note_apart(const FrameState *state, size_t block);
 
 /* Take down the linear means of a tile's pixels. */
 void note_means(const FrameState *state, int tile, const float means[3][TILE_PX * TILE_PX]);

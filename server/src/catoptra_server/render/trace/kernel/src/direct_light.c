@@ -207,7 +207,7 @@ static uint32_t find_occluded(const FrameState *state, int light, const RayBlock
         state->objects && shadow.active ? occlude_instances(state, &shadow, hits) : 0;
     /* A moving shadow is not fixed to the surface that it falls on. */
     if (by_objects && state->plan)
-        note_apart(state, (int)(rays->index / (size_t)(state->rays->samples * state->rays->samples)));
+        note_apart(state, rays->index);
     occluded |= by_objects;
     return occluded;
 }
