@@ -99,6 +99,16 @@ def test_blur_when_drawn_by_cell_is_the_mean_of_64_frames(rays: KernelRays, name
     assert_like(frame.image, mean_frame(rays, STATES[name], 0.0, 64))
 
 
+@pytest.mark.parametrize("world", ["rescue", "warehouse"])
+def test_blur_of_walls_takes_few_rays_and_is_the_mean_of_64_frames(world: str) -> None:
+    with open_moving_rays(world, CAMERA) as (rays, pose):
+        state = moving_state(pose, "0.5 m/s, 0.5 rad/s")
+        frame = expose(rays, state, BLUR)
+        # Two instants of all pixels of 64 samples are 128, by which textures were drawn at least.
+        assert rays.last_counts.num_blur_rays < 110 * rays.last_counts.num_tiles
+        assert_like(frame.image, mean_frame(rays, state, 0.0, 64))
+
+
 @pytest.mark.parametrize("limit", [4.0, 8.0])
 def test_blur_when_more_may_be_left_out_differs_by_no_more_from_blur_everywhere(
     rays: KernelRays, limit: float

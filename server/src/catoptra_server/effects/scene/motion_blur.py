@@ -4,9 +4,11 @@ L' = the mean, in linear radiance, of the images at all times of the exposure, c
 camera and objects continue their motion of the last tick, and each pixel moves by its own depth.
 Not a change of the image but of the number of renderings: the camera state gets a shutter, whose
 time samples are rendered and averaged. The native kernel does so only in those cells of 2 x 2
-pixels that motion changes, at as many instants as their contrast takes: 99 % of pixels within 2 and
-99.9 % within 8 grey levels of the mean of 64 frames. Disocclusions, and objects that move beside
-the camera, are therefore as right as in a sharp image. Domain: constant twists during the exposure.
+pixels that motion changes, at as many instants as their contrast takes, or, where all that is
+around moves as one, from the samples of the sharp frame along each pixel's path: 99 % of pixels
+within 2 and 99.9 % within 8 grey levels of the mean of 64 frames. Disocclusions, and objects that
+move beside the camera, are therefore as right as in a sharp image. Domain: constant twists during
+the exposure.
 Criterion: the largest spread of a point, ring by ring of the image: exposure times (speed over
 nearest distance, plus turns). Where it is not zero an edge may pass all samples of a pixel: the
 contrast of black and the brightest.

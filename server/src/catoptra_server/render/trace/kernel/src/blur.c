@@ -305,9 +305,12 @@ static void write_units(const BlurTile *blur) {
     PixelSums sums;
     /* write_pixels divides by the number of a sharp frame's samples. */
     float samples = (float)(state->rays->samples * state->rays->samples);
+    const BlurPlan *plan = state->plan;
+    const float *known =
+        plan->gathered[state->rays->tiles[blur->tile]] ? plan->blurred : plan->means;
     for (int i = 0; i < 3 * BLOCK_RAYS; i++)
         sums.sum[i / BLOCK_RAYS][i % BLOCK_RAYS] =
-            samples * state->plan->means[(size_t)blur->tile * 3 * BLOCK_RAYS + (size_t)i];
+            samples * known[(size_t)blur->tile * 3 * BLOCK_RAYS + (size_t)i];
     for (int unit = 0; unit < blur->order->units; unit++) {
         const Unit *one = &blur->units[unit];
         for (int pixel = 0; pixel < blur->order->pixels; pixel++) {

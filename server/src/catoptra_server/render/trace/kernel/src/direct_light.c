@@ -5,6 +5,7 @@
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "direct_light.h"
 
+#include "blur_plan.h"
 #include "instances.h"
 #include "lanes.h"
 #include "measures.h"
@@ -202,8 +203,12 @@ static uint32_t find_occluded(const FrameState *state, int light, const RayBlock
     starts.numbers = scene->caster_triangles;
     occluded |= occlude_bvh(&casters->bvh, place_of(state), &shadow, &starts);
     shadow.active = (found.unknown | found.behind_objects) & ~occluded;
-    if (state->objects && shadow.active)
-        occluded |= occlude_instances(state, &shadow, hits);
+    uint32_t by_objects =
+        state->objects && shadow.active ? occlude_instances(state, &shadow, hits) : 0;
+    /* A moving shadow is not fixed to the surface that it falls on. */
+    if (by_objects && state->plan)
+        note_apart(state, rays->index);
+    occluded |= by_objects;
     return occluded;
 }
 

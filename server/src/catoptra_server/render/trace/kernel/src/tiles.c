@@ -676,6 +676,8 @@ static void render_samples(const FrameState *state, int tile, const TileContent 
         if (is_measured)
             add_unshadowed(state, block, rays.active, radiance, &lost, &sums, &unshadowed);
         add_samples(state, block, rays.active, radiance, &sums);
+        if (state->plan)
+            note_block(state, tile, block, radiance);
         if (!has_ranges)
             continue;
         find_inverse_ranges(&rays, &hits, inverse);
