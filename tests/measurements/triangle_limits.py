@@ -11,8 +11,8 @@ factor of ambient occlusion of the ball. No number may jump with the triangles, 
 stay within 10 %; a start takes as long as there are triangles.
 
 Beyond were: no occlusion of small triangles (8000 in render/trace/occlusion/surface_grids.py),
-shadows whatever the scene (100 000 in effects/bounds/shadow_bounds.py), bounds of a query of distances as
-of whole boxes (2048 in a cell, 16 384 at a point, in effects/bounds/distances.py).
+shadows whatever the scene (100 000 in effects/bounds/shadow_bounds.py), bounds of a query of
+distances as of whole boxes (2048 in a cell, 16 384 at a point, in effects/bounds/distances.py).
 """
 
 from __future__ import annotations

@@ -357,7 +357,7 @@ class Threshold:
     has_mosaic: bool = False
     """Whether a mosaic follows, behind which a pixel's change shows in its neighbours."""
     may_end: bool = False
-    """Whether a part of the picture that decides is enough: its change, not the largest, is told."""
+    """Whether a part of the picture that decides is enough: its change is told, none beyond."""
 
     @property
     def is_measured(self) -> bool:
