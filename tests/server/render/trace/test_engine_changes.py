@@ -18,6 +18,7 @@ from catoptra_server.world.scene_mesh import build_scene
 from catoptra_server.world.world_description import (
     HemisphereLight,
     Light,
+    Material,
     PointLight,
     Twist,
     srgb_from_linear,
@@ -78,6 +79,24 @@ def test_change_by_shadows_is_that_between_frames_with_and_without(
     assert clipped == pytest.approx(expected, abs=0.01) or table.samples > 1
     assert expected == 0.0 or clipped > 0.5 * expected
     assert (plain, unmeasured) == ({}, {})
+
+
+def test_change_by_a_wide_shadow_on_a_texture_is_that_between_frames_with_and_without(
+    engine: EngineName,
+) -> None:
+    # Rays enough for proofs that fill tiles.
+    table = make_omni_table(width_px=160, samples=2)
+    planks = Material((1.0, 1.0, 1.0), texture="planks", tile_m=0.5)
+    roof = box_item(0.0, 0.0, -1.6, (12.0, 12.0, 0.02))
+    world = make_world(floor_item(material=planks), roof, lights=LIGHTS["directional"])
+    with open_engine(engine, world) as opened:
+        rays = opened.prepare(table)
+        dark, light = (
+            255.0 * srgb_from_linear(np.clip(rays.render_linear(each).astype(np.float64), 0.0, 1.0))
+            for each in (STATE, replace(STATE, has_shadows=False))
+        )
+        measured = rays.render(STATE, LINEAR_REQUEST).changes["Shadows"].largest
+    assert measured == pytest.approx(np.abs(dark - light).max(), abs=0.05)
 
 
 def test_change_by_shadows_of_a_convex_room_around_its_lamp_is_nothing(engine: EngineName) -> None:
