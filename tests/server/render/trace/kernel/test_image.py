@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 from itertools import product
 
 import numpy as np
@@ -287,13 +286,13 @@ def test_blur_by_range_counts_what_the_lens_leaves_of_its_change(
     # What counts as little where it acts counts there; anything else behind the lens.
     assert true <= stated <= max(limit, true + 0.3)
     assert limit < 1.5 * stated < alone
-    # Just above the truth: the factors behind the lens count by pixel, and the colours kept.
-    sensor = partial(replace, allowed["DefocusByDepth"], gains=(0.5, 1.2))
-    for allowed_change, is_off in ((true + 0.05, True), (true - 0.05, False)):
-        above = {"DefocusByDepth": sensor(max_change=allowed_change)}
-        known = above | {"FixedPattern": Threshold(255.0)}
+    # Beside the truth: behind the lens factors count by pixel, and the colours that are kept.
+    unknown = {"Diffraction": Threshold(-1.0, (0.5, 1.2)), "FixedPattern": Threshold(-1.0)}
+    for difference, is_off in ((0.01, True), (-0.01, False)):
+        threshold = Threshold(true + difference, (0.5, 1.2), has_mosaic=True)
+        known = {"DefocusByDepth": threshold, **unknown}
         found = changer.change(exposed, effects, known).changes["DefocusByDepth"].largest
-        assert (found <= allowed_change) == is_off
+        assert (found <= threshold.max_change) == is_off
 
 
 def test_all_effects_in_one_call_are_the_effects_one_by_one(changer: KernelImageChanger) -> None:
