@@ -110,7 +110,7 @@ _MAX_BOUNCES = 128
 _REMAINDERS = 1e-6, 1e-3
 _FINEST = 1e-5
 # Standard errors that 99 of 100 nodes are within, where they are estimated from many passes.
-SIGMAS = 3.0
+_SIGMAS = 3.0
 # Of few it is larger by the root of 1 + (5 / (passes - 1))^2: about Student's distribution.
 _FEW_PASSES = 5.0
 MAX_ERROR = 1.0
@@ -478,7 +478,7 @@ class LightBake:
             # Of few passes each: better known together. A continued value has two nodes' errors.
             spread = smooth_grids(np.where(known, spread, 9.0 * spread), layout)
             smooth = smooth_grids(raw, layout)
-            change, noise = np.abs(smooth - raw), SIGMAS * np.sqrt(spread)
+            change, noise = np.abs(smooth - raw), _SIGMAS * np.sqrt(spread)
             is_kept = change > noise
             values[..., channel] = np.where(is_kept, raw, smooth)
             error[..., channel] = np.where(is_kept, noise, noise * less + change)
