@@ -110,7 +110,7 @@ _MAX_BOUNCES = 128
 _REMAINDERS = 1e-6, 1e-3
 _FINEST = 1e-5
 # Standard errors that 99 of 100 nodes are within, where they are estimated from many passes.
-SIGMAS = 3.0
+_SIGMAS = 3.0
 # Of few it is larger by the root of 1 + (5 / (passes - 1))^2: about Student's distribution.
 _FEW_PASSES = 5.0
 MAX_ERROR = 1.0
@@ -160,7 +160,7 @@ def count_passes(light: NodeLight, passes: int) -> int:
     """Passes from which the stated error of light by fewer is `MAX_ERROR`, or all."""
     # Errors fall with the square root of the number of rays.
     needed = passes * min(light.stated_error / MAX_ERROR, 1e3) ** 2
-    return min(math.ceil(needed), MAX_PASSES)
+    return min(max(2, math.ceil(needed)), MAX_PASSES)
 
 
 class LightBake:
@@ -199,12 +199,10 @@ class LightBake:
         self._probes = _place_probes(scene, round(detail * MAX_PROBES))
         area_m2 = np.linalg.norm(np.cross(self._frames.side_x, self._frames.side_y), axis=-1).sum()
         most = round(detail * MAX_NODES)
+        # With any smaller distance there are more.
+        least_m = max(MIN_NODE_DISTANCE_M, math.sqrt(area_m2 / most))
         self._layout, self._is_node = choose_layout(
-            self._frames,
-            lambda layout: layout.grid >= 0,
-            most,
-            # With any smaller distance there are more.
-            distance_m=max(MIN_NODE_DISTANCE_M, math.sqrt(area_m2 / most)),
+            self._frames, lambda layout: layout.grid >= 0, most, distance_m=least_m
         )
         self._nodes = place_nodes(self._frames, self._layout, self._is_node)
         self._albedo = _mean_albedo(scene)
@@ -478,7 +476,7 @@ class LightBake:
             # Of few passes each: better known together. A continued value has two nodes' errors.
             spread = smooth_grids(np.where(known, spread, 9.0 * spread), layout)
             smooth = smooth_grids(raw, layout)
-            change, noise = np.abs(smooth - raw), SIGMAS * np.sqrt(spread)
+            change, noise = np.abs(smooth - raw), _SIGMAS * np.sqrt(spread)
             is_kept = change > noise
             values[..., channel] = np.where(is_kept, raw, smooth)
             error[..., channel] = np.where(is_kept, noise, noise * less + change)
@@ -510,13 +508,9 @@ class LightBake:
     def _mean_sky(self, irradiance: Floats, is_inside: Bools) -> Floats:
         """(2, 3) mean light on facets that face up and down; that of all nodes where none do."""
         height = self._frames.normal[self._nodes.patch, 2]
-        sides = []
-        for is_side in (height < -0.5, height > 0.5):
-            chosen = irradiance[is_side & ~is_inside]
-            chosen = chosen if len(chosen) else irradiance
-            mean = chosen.mean(axis=0) if len(chosen) else np.zeros(3)
-            sides.append(mean)
-        return np.array(sides)
+        sides = (irradiance[is_side & ~is_inside] for is_side in (height < -0.5, height > 0.5))
+        chosen = (side if len(side) else irradiance for side in sides)
+        return np.array([one.mean(axis=0) if len(one) else np.zeros(3) for one in chosen])
 
     def _make_map(self, texels: npt.NDArray[np.uint16]) -> OcclusionMap:
         bounds = self._layout.bounds()

@@ -117,12 +117,11 @@ def _begin_bake(scene: SceneMesh, world: World) -> LitWorld:
         bake = light_bake.LightBake(scene, world, threads=1)
         parts, needed = {"": first}, light_bake.count_passes(first, passes)
         try:
-            while bake.num_passes < max(2, needed) and not is_stopped():
+            while bake.num_passes < needed and not is_stopped():
                 bake.cast()
-                if bake.num_passes == max(2, needed):
+                if bake.num_passes == needed:
                     parts = bake.finish()
-                    light = add_lights(parts, {})
-                    needed = light_bake.count_passes(light, bake.num_passes)
+                    needed = light_bake.count_passes(add_lights(parts, {}), needed)
         finally:
             bake.close()
         release_freed_memory()

@@ -50,6 +50,7 @@ _MIN_FILTERED = 4
 _DIRECTIONS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
 _Indices = npt.NDArray[np.int32]
 _Numbers = npt.NDArray[np.intp]
+_ROWS = ("origin", "side_x", "side_y", "normal")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,13 +76,7 @@ class SurfaceFrames:
 
     def take_rows(self, surfaces: npt.NDArray[np.intp]) -> SurfaceFrames:
         """Rows of some surfaces, some perhaps repeated; triangles keep their numbers."""
-        return SurfaceFrames(
-            self.patch_of,
-            self.origin[surfaces],
-            self.side_x[surfaces],
-            self.side_y[surfaces],
-            self.normal[surfaces],
-        )
+        return SurfaceFrames(self.patch_of, *(getattr(self, name)[surfaces] for name in _ROWS))
 
     def transpose(self) -> SurfaceFrames:
         """Surfaces with their sides exchanged."""
@@ -143,13 +138,7 @@ def frame_surfaces(scene: SceneMesh, *, threads: int, share: float = 1.0) -> Sur
     group, middle = _join_neighbours(scene, small, round(share * _MAX_SMALL_GRIDS))
     joined = _frame_groups(scene, small, group, middle)
     patch_of[small] = len(representative) + group
-    frames = SurfaceFrames(
-        patch_of,
-        np.concatenate((large.origin, joined.origin)),
-        np.concatenate((large.side_x, joined.side_x)),
-        np.concatenate((large.side_y, joined.side_y)),
-        np.concatenate((large.normal, joined.normal)),
-    )
+    frames = _join_frames(patch_of, large, joined)
     # Unlit surfaces show their albedo; one without an area has no plane.
     is_lit = np.concatenate((~scene.unlit[representative], np.ones(len(middle), dtype=bool)))
     has_area = (_lengths(frames.side_x) > 0.0) & (_lengths(frames.side_y) > 0.0)
@@ -161,15 +150,15 @@ def add_spare_grid(scene: SceneMesh, frames: SurfaceFrames) -> tuple[SurfaceFram
     is_lost = (frames.patch_of < 0) & ~scene.unlit
     if not is_lost.any():
         return frames, False
-    sides = np.eye(3)[:, None]
-    rows = (scene.centre[None], sides[0], sides[1], -sides[2])
-    names = ("origin", "side_x", "side_y", "normal")
-    arrays = {
-        name: np.concatenate((getattr(frames, name), row))
-        for name, row in zip(names, rows, strict=True)
-    }
     patch_of = np.where(is_lost, np.int32(len(frames.origin)), frames.patch_of).astype(np.int32)
-    return SurfaceFrames(patch_of, **arrays), True
+    x, y, z = np.eye(3)[:, None]
+    spare = SurfaceFrames(patch_of, scene.centre[None], x, y, -z)
+    return _join_frames(patch_of, frames, spare), True
+
+
+def _join_frames(patch_of: _Indices, *parts: SurfaceFrames) -> SurfaceFrames:
+    rows = (np.concatenate([getattr(one, name) for one in parts]) for name in _ROWS)
+    return SurfaceFrames(patch_of, *rows)
 
 
 def _find_surfaces(scene: SceneMesh, threads: int) -> FlatSurfaces:
@@ -407,16 +396,12 @@ def _look(
 
 def smooth_grids(values: Floats, layout: GridLayout) -> Floats:
     """Tent over three by three nodes of the grids; the outermost nodes count twice."""
-    is_wide, is_high = layout.is_filtered
-    rows = _blur(values, layout.grid, axis=1, is_filtered=is_wide)
-    return _blur(rows, layout.grid, axis=0, is_filtered=is_high)
-
-
-def _blur(values: Floats, grid: npt.NDArray[np.int32], *, axis: int, is_filtered: Bools) -> Floats:
-    before, after = _shift(values, grid, axis, 1), _shift(values, grid, axis, -1)
-    # The last entry is for nodes without a grid.
-    is_kept = ~np.append(is_filtered, False)[grid]
-    return np.where(is_kept, values, 0.25 * (before + after) + 0.5 * values)
+    for axis, is_filtered in zip((1, 0), layout.is_filtered, strict=True):
+        before, after = (_shift(values, layout.grid, axis, step) for step in (1, -1))
+        # The last entry is for nodes without a grid.
+        is_kept = ~np.append(is_filtered, False)[layout.grid]
+        values = np.where(is_kept, values, 0.25 * (before + after) + 0.5 * values)
+    return values
 
 
 def _shift(values: Floats, grid: npt.NDArray[np.int32], axis: int, step: int) -> Floats:
