@@ -71,6 +71,16 @@ static int allocate(BlurPlan *plan, const View *view, int num_objects) {
     return 1;
 }
 
+/* The nearest power of two: at nearly the same gain the same light is gathered, so that an effect
+ * that is left out changes no more than itself. */
+static float round_gain(float gain) {
+    uint32_t bits;
+    memcpy(&bits, &gain, sizeof bits);
+    bits = (bits + 0x4afb0d) & 0x7f800000; /* up from the root of two on */
+    memcpy(&gain, &bits, sizeof gain);
+    return gain;
+}
+
 BlurPlan *create_plan(const FrameState *state) {
     const Frame *frame = state->frame;
     BlurPlan *plan = calloc(1, sizeof *plan);
@@ -83,6 +93,8 @@ BlurPlan *create_plan(const FrameState *state) {
         release_plan(plan);
         return NULL;
     }
+    plan->counted = *frame;
+    plan->counted.largest_gain = round_gain(frame->largest_gain);
     plan->interval = 1.0f / (float)(frame->num_poses - 1);
     float times[3] = {0.5f, 0.5f - 0.5f * plan->interval, 0.5f + 0.5f * plan->interval};
     Pose *cameras[3] = {&plan->camera, &plan->begin, &plan->end};
@@ -642,7 +654,7 @@ static int gather_cells(const FrameState *state, int tile, int cells,
     float means[CHANNELS][BLOCK_RAYS], doubts[CHANNELS][BLOCK_RAYS];
     float tolerance = fmaxf(MAX_DOUBT, 0.25f * state->frame->blur_threshold);
     if (!(fmaxf(fabsf(path[0]), fabsf(path[1])) <= MAX_PATH_PX) ||
-        !(apart * measure_contrast(state->frame, light) <= MAX_APART))
+        !(apart * measure_contrast(&plan->counted, light) <= MAX_APART))
         return 0;
     gather_tile(state, number, &plan->samples, plan->means, path, means, doubts);
     for (int pixel = 0; pixel < BLOCK_RAYS; pixel++) {
@@ -650,7 +662,7 @@ static int gather_cells(const FrameState *state, int tile, int cells,
         for (int channel = 0; cells & bit && channel < CHANNELS; channel++) {
             float mean = means[channel][pixel];
             /* Not a number, too. */
-            if (!(level_change(state->frame, mean, mean + doubts[channel][pixel]) <= tolerance))
+            if (!(level_change(&plan->counted, mean, mean + doubts[channel][pixel]) <= tolerance))
                 cells &= ~bit;
         }
     }

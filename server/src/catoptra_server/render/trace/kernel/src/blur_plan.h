@@ -26,6 +26,7 @@ typedef struct BlurPlan {
     Pose camera, begin, end;
     Pose *objects; /* (o, 3) likewise */
     int is_gathered; /* light of cells that move as one comes from the samples */
+    Frame counted; /* the frame, with a rounded gain */
     TileSamples samples;
     float *blurred; /* (t, 3, 16) of tiles with gathered cells, others as in `means` */
     float *means;  /* (t, 3, 16) of the sharp frame's pixels, linear */
