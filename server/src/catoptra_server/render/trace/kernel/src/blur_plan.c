@@ -220,10 +220,16 @@ void note_hits(const FrameState *state, int tile, const RayBlock *rays, const Hi
             note_object(state, tile, hits->object[lane], mirror_direction(state, rays, lane),
                         rays->limit[lane]);
     }
-    for (int lane = 0; state->frame->has_gloss && lane < BLOCK_RAYS; lane++)
-        if (rays->active >> lane & 1 && hits->object[lane] == OBJECT_STATIC &&
-            is_glossy(state, hits->triangle[lane]))
+    /* Gloss moves otherwise. A sky's samples are too few for its sun and clouds; to look them up at
+     * other instants takes no search. */
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        int32_t triangle = hits->triangle[lane];
+        int moves_apart = triangle < 0
+                              ? state->scene->sky != NULL
+                              : hits->object[lane] == OBJECT_STATIC && is_glossy(state, triangle);
+        if (rays->active >> lane & 1 && moves_apart)
             note_apart(state, rays->index);
+    }
 }
 
 void note_apart(const FrameState *state, size_t block) {
@@ -601,7 +607,6 @@ static int is_thin_around(const FrameState *state, int32_t number) {
                 return 1;
     return 0;
 }
-
 
 /* Largest difference of light within a tile and around it, grey levels. */
 static float measure_contrast(const Frame *frame, const float light[CHANNELS][AROUND][AROUND]) {
