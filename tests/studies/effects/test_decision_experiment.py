@@ -44,7 +44,8 @@ def test_worlds_are_all_bundled_ones() -> None:
 def test_half_of_the_places_of_each_world_are_near_obstacles(world: str) -> None:
     places = choose_places(world, load_world(world), 40, seed=0)
     assert len(places) == 40
-    assert sum(place.is_near for place in places) == 20
+    # Nothing stands on the airfield.
+    assert sum(place.is_near for place in places) == (0 if world == "airfield" else 20)
     assert len({place.pose for place in places}) == 40
 
 

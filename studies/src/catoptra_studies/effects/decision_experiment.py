@@ -53,6 +53,7 @@ from catoptra_studies.effects.effect_truth import EffectTruth
 
 # All bundled worlds, so that none is chosen for the result.
 WORLDS = (
+    "airfield",
     "arena",
     "corridor",
     "corridors_and_rooms",

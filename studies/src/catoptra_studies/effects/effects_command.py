@@ -37,7 +37,7 @@ from catoptra_studies.experiment.experiment_setups import SIM
 from catoptra_studies.reports import replace_block
 
 _PARTS = ("pages", "decisions", "sweeps")
-# Places in each of the 14 worlds, three or one for each condition, in four motions each: 1 008
+# Places in each of the 15 worlds, three or one for each condition, in four motions each: 1 080
 # situations.
 _NUM_PLACES = 18
 _NUM_QUICK_PLACES = 6
