@@ -91,7 +91,7 @@ class EffectRow {
     const isCounted = visible_share > 0 && visible_share < 1;
     const share = isCounted ? ` in ${format(Number((100 * visible_share).toPrecision(2)))} %` : "";
     const limit = change === null ? "\u2264 " : "";
-    setText(this.#change, `${limit}${format(Number(value.toPrecision(2)))} levels${share}`);
+    setText(this.#change, `${limit}${format(value)} levels${share}`);
     setText(this.#duration, duration_ms === null ? "" : `${duration_ms.toFixed(duration_ms < 1 ? 2 : 1)} ms`);
     setText(this.#decision, enabled ? "on" : "left out");
     this.node.classList.toggle("off", !enabled);
