@@ -9,6 +9,7 @@ import pytest
 
 from catoptra_protocol.stream.requests import ImageEncoding
 from catoptra_server.config.known_names import find_configuration
+from helpers.deadline import Deadline
 from helpers.server_process import start_server
 
 STAGE = "rays a node, up to 256"
@@ -22,13 +23,15 @@ def test_refined_light_is_a_new_picture_and_is_kept_for_the_next_start(
     with start_server(tmp_path, world=world) as server, server.connect_stream() as client:
         client.spawn("USARBot.OmniP2AT", location_m=(0.0, 0.0, 0.0))
         # The robot stands: pictures are repeated, and drawn again once for the rays to come.
-        frames = [client.get_frame(encoding=ImageEncoding.RAW)]
-        assert STAGE in (frames[0].plan or "")
-        while STAGE in (frames[-1].plan or "") and len(frames) < 2000:
-            frames.append(client.get_frame(encoding=ImageEncoding.RAW))
-        assert STAGE not in (frames[-1].plan or "")
-        refined = frames[-1].rgb
-        assert 0.0 < np.abs(refined.astype(int) - frames[0].rgb).mean() < 2.0
+        first = frame = client.get_frame(encoding=ImageEncoding.RAW)
+        assert STAGE in (first.plan or "")
+        # On a busy machine its thread, of the lowest priority, has a fiftieth of a processor.
+        deadline = Deadline("finished light", 300.0)
+        while STAGE in (frame.plan or ""):
+            deadline.check()
+            frame = client.get_frame(encoding=ImageEncoding.RAW)
+        refined = frame.rgb
+        assert 0.0 < np.abs(refined.astype(int) - first.rgb).mean() < 2.0
     files = list((tmp_path / "cache/catoptra/light").iterdir())
     assert len(files) == 1
     assert files[0].stat().st_size < 3 * 2**20
