@@ -147,6 +147,21 @@ def test_probes_have_the_light_of_own_rays_and_no_solid_darkens_them() -> None:
     np.testing.assert_allclose(sky.up_irradiance, (0.4, 0.5, 0.6), atol=0.02)
 
 
+def test_surface_whose_nodes_are_all_inside_posts_has_the_light_about_it() -> None:
+    # A board between posts that hold its edges, in a room lit from all sides.
+    posts = ((Box((0.2, 0.2, 1.4)), (x, 0.0, -1.0)) for x in (-0.5, 0.5))
+    world = World("board", make_items((Box((1.0, 0.1, 1.2)), (0.0, 0.0, -1.0)), *posts))
+    sky = HemisphereLight((0.5, 0.5, 0.5), (0.5, 0.5, 0.5))
+    scene = build_scene(replace(world, lights=(sky,)))
+    light = bake_light(scene, replace(world, lights=(sky,)), 2, threads=2, detail=0.0015)
+    board = np.flatnonzero(np.abs(scene.corners[:, :, 0]).max(axis=1) <= 0.5)
+    sides = board[np.abs(scene.normals[board, 1]) > 0.9]
+    left, top, right, bottom = light.occlusion.bounds[light.occlusion.patch_of[sides]].T
+    assert (right - left).max() == (bottom - top).max() == 1
+    seen = [light.light[y : y + 2, x : x + 2] for x, y in zip(left, top, strict=True)]
+    assert 0.2 < np.min(seen) < np.max(seen) < 0.6
+
+
 def test_light_between_six_directions_is_exact_for_hemisphere_lights() -> None:
     sky = HemisphereLight((0.4, 0.5, 0.6), (0.1, 0.2, 0.3))
     normals = np.random.default_rng(3).normal(size=(50, 3))

@@ -70,6 +70,7 @@ from catoptra_server.world.scene_mesh import SceneMesh
 from catoptra_server.world.shading import (
     OPEN_LIGHT,
     OcclusionMap,
+    facet_irradiance,
     hemisphere_lights,
     light_of_bytes,
     shadow_casting_lights,
@@ -480,11 +481,12 @@ class LightBake:
             is_kept = change > noise
             values[..., channel] = np.where(is_kept, raw, smooth)
             error[..., channel] = np.where(is_kept, noise, noise * less + change)
-        brightest = np.maximum(values[self._is_node].max(axis=0, initial=0.0), LEAST_LIGHT)
-        values[~self._is_node] = brightest
         mean_light = np.average(at_nodes[~is_inside], axis=0) if len(at_nodes) else 0.0
         if self._has_spare:
             values[layout.grid == len(self._frames.origin) - 1] = mean_light
+        self._light_unseen(values, error, known, probes)
+        brightest = np.maximum(values[self._is_node].max(axis=0, initial=0.0), LEAST_LIGHT)
+        values[~self._is_node] = brightest
         error += 0.5 * brightest / OPEN_LIGHT
         self._level_grids(values, error)
         texels = np.rint(np.moveaxis(values / brightest, -1, 0) * OPEN_LIGHT).astype(np.uint16)
@@ -493,6 +495,25 @@ class LightBake:
         # Of half precision, upward.
         stated = (1.001 * error + 1e-7).astype(np.float16)
         return NodeLight(self._make_map(texels), brightest, sky, stated, probes)
+
+    def _light_unseen(
+        self, values: Floats, error: Floats, known: Bools, probes: LightProbes
+    ) -> None:
+        """Light grids all of whose nodes are inside solids, as of edges, by the probes about them.
+
+        Rays of other nodes passed these surfaces: nothing more is known of their light.
+        """
+        frames, grid = self._frames, self._layout.grid
+        is_unseen = np.ones(len(frames.origin) + 1, dtype=bool)
+        is_unseen[grid[known]] = False
+        is_unseen[len(frames.origin) - self._has_spare :] = False
+        light = np.zeros((len(is_unseen), 3))
+        for number in np.flatnonzero(is_unseen):
+            centre = frames.origin[number] + 0.5 * (frames.side_x[number] + frames.side_y[number])
+            sky = probes.find_light(centre)
+            light[number] = facet_irradiance((sky,), frames.normal[number][None])[0]
+        at = is_unseen[grid]
+        values[at] = error[at] = light[grid[at]]
 
     def _level_grids(self, values: Floats, error: Floats) -> None:
         """Give the nodes of a grid their mean where nobody misses the rest."""

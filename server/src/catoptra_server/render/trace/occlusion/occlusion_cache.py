@@ -43,7 +43,7 @@ log = logging.getLogger(__name__)
 # Increased when maps change for the same scene.
 _FORMAT_VERSION = 3
 # The same of baked light.
-_LIGHT_VERSION = 4
+_LIGHT_VERSION = 5
 _LIGHT_ARRAYS = ("brightest", "mean_sky", "error")
 _PROBE_ARRAYS = ("first", "step", "faces")
 _ARRAYS = ("patch_of", "columns_from_world", "rows_from_world", "bounds", "texels")
