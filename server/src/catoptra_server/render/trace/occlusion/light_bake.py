@@ -484,7 +484,7 @@ class LightBake:
         mean_light = np.average(at_nodes[~is_inside], axis=0) if len(at_nodes) else 0.0
         if self._has_spare:
             values[layout.grid == len(self._frames.origin) - 1] = mean_light
-        self._light_unseen(values, error, known, probes)
+        self._light_unseen(values, known, probes)
         brightest = np.maximum(values[self._is_node].max(axis=0, initial=0.0), LEAST_LIGHT)
         values[~self._is_node] = brightest
         error += 0.5 * brightest / OPEN_LIGHT
@@ -496,12 +496,10 @@ class LightBake:
         stated = (1.001 * error + 1e-7).astype(np.float16)
         return NodeLight(self._make_map(texels), brightest, sky, stated, probes)
 
-    def _light_unseen(
-        self, values: Floats, error: Floats, known: Bools, probes: LightProbes
-    ) -> None:
+    def _light_unseen(self, values: Floats, known: Bools, probes: LightProbes) -> None:
         """Light grids all of whose nodes are inside solids, as of edges, by the probes about them.
 
-        Rays of other nodes passed these surfaces: nothing more is known of their light.
+        None of their nodes is seen: no error is stated, since no ray makes one smaller.
         """
         frames, grid = self._frames, self._layout.grid
         is_unseen = np.ones(len(frames.origin) + 1, dtype=bool)
@@ -513,7 +511,7 @@ class LightBake:
             sky = probes.find_light(centre)
             light[number] = facet_irradiance((sky,), frames.normal[number][None])[0]
         at = is_unseen[grid]
-        values[at] = error[at] = light[grid[at]]
+        values[at] = light[grid[at]]
 
     def _level_grids(self, values: Floats, error: Floats) -> None:
         """Give the nodes of a grid their mean where nobody misses the rest."""
