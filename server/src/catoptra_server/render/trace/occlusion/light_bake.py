@@ -188,7 +188,7 @@ class LightBake:
         Raises:
             KernelUnavailableError: The kernel's library is missing.
         """
-        self._scene, self._world = scene, world
+        self._scene, self._world, self._is_coarse = scene, world, detail < 1.0
         self._device = KernelDevice(instruction_set or choose_instruction_set(), threads)
         self._owners: list[object] = []
         self._lamps: _BakedLights = (*shadow_casting_lights(world.lights), *world.area_lights)
@@ -484,7 +484,8 @@ class LightBake:
         mean_light = np.average(at_nodes[~is_inside], axis=0) if len(at_nodes) else 0.0
         if self._has_spare:
             values[layout.grid == len(self._frames.origin) - 1] = mean_light
-        self._light_unseen(values, known, probes)
+        if self._is_coarse:
+            self._light_unseen(values, known, probes)
         brightest = np.maximum(values[self._is_node].max(axis=0, initial=0.0), LEAST_LIGHT)
         values[~self._is_node] = brightest
         error += 0.5 * brightest / OPEN_LIGHT
@@ -499,7 +500,8 @@ class LightBake:
     def _light_unseen(self, values: Floats, known: Bools, probes: LightProbes) -> None:
         """Light grids all of whose nodes are inside solids, as of edges, by the probes about them.
 
-        None of their nodes is seen: no error is stated, since no ray makes one smaller.
+        With few nodes these are surfaces that are seen, which the finished bake has nodes on. No
+        error is stated: no ray makes one smaller.
         """
         frames, grid = self._frames, self._layout.grid
         is_unseen = np.ones(len(frames.origin) + 1, dtype=bool)
