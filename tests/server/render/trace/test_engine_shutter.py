@@ -99,14 +99,18 @@ def test_blur_when_drawn_by_cell_is_the_mean_of_64_frames(rays: KernelRays, name
     assert_like(frame.image, mean_frame(rays, STATES[name], 0.0, 64))
 
 
-@pytest.mark.parametrize(("world", "rays_a_tile"), [("rescue", 150), ("warehouse", 120)])
-def test_blur_of_walls_takes_few_rays_and_is_the_mean_of_64_frames(
+@pytest.mark.parametrize(
+    ("world", "rays_a_tile"),
+    # Instants alone took 170 and 136 in the first two; samples of the sharp frame tell the rest.
+    # Without what it tells of the lights, the tunnel and the hall took 57 and 87.
+    [("rescue", 125), ("warehouse", 95), ("tunnel", 46), ("hall", 63)],
+)
+def test_blur_of_lit_walls_takes_few_rays_and_is_the_mean_of_64_frames(
     world: str, rays_a_tile: int
 ) -> None:
     with open_moving_rays(world, CAMERA) as (rays, pose):
         state = moving_state(pose, "0.5 m/s, 0.5 rad/s")
         frame = expose(rays, state, BLUR)
-        # 170 and 136 with instants alone, 130 and 109 where samples of the sharp frame tell.
         assert rays.last_counts.num_blur_rays < rays_a_tile * rays.last_counts.num_tiles
         assert_like(frame.image, mean_frame(rays, state, 0.0, 64))
 
@@ -301,7 +305,7 @@ def test_blur_takes_fewer_rays_where_larger_changes_may_be_left_out(rays: Kernel
         taken.append(rays.last_counts.num_blur_rays)
     # By the cells that are left out, of which many are gathered from the sharp frame otherwise;
     # with a quarter of the limit hardly by fewer instants.
-    assert taken[1] < 0.9 * taken[0]
+    assert taken[1] < 0.96 * taken[0]
 
 
 def test_blur_when_the_budget_allows_two_instants_takes_no_more(rays: KernelRays) -> None:

@@ -36,6 +36,7 @@ static void collect_samples(const FrameState *state, int32_t number, const TileS
         int down = i / 4 + 1, right = i % 4 + 1;
         int tile = state->view->tile_at[number + (down / 2 - 1) * state->rays->tile_columns +
                                         right / 2 - 1];
+        tile = tile < 0 ? state->view->tile_at[number] : tile;
         int block = down % 2 * 2 + right % 2;
         for (int row = 0; row < 4; row++) {
             Floats4 red = load_samples(samples, means, tile, block, 0, row);
@@ -111,7 +112,7 @@ static int find_reach(float path) {
 }
 
 void gather_tile(const FrameState *state, int32_t number, const TileSamples *samples,
-                 const float *means, const float path[2], float gathered[3][BLOCK_RAYS],
+                 const float *means, const float path[2], int rows, float gathered[3][BLOCK_RAYS],
                  float doubts[3][BLOCK_RAYS]) {
     Floats4 light[SAMPLES][SAMPLES];
     Places places; /* not initialized: all that is read is found */
@@ -122,6 +123,8 @@ void gather_tile(const FrameState *state, int32_t number, const TileSamples *sam
     find_kernel(path, kernel);
     for (int y = 0; y < TILE_PX; y++) {
         Floats16 sum = {0}, more = {0};
+        if (!(rows >> y & 1))
+            continue;
         for (int i = REACH - down; i <= REACH + down; i++)
             for (int k = REACH - across; k <= REACH + across; k++) {
                 Floats16 here = load16(places[GATHERED_SIDE * y + i][k % 2][k / 2]);

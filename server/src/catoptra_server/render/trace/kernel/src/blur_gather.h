@@ -19,11 +19,11 @@ typedef struct {
     float *radiance;     /* (t, 4, 3, 16) */
 } TileSamples;
 
-/* Mean light, (3, 16), of a tile's pixels along a path of so many columns and rows about each, and
- * what is doubted of it. `means`, (t, 3, 16), are those of the sharp frame; all tiles around are on
- * the mirror. */
+/* Mean light, (3, 16), of a tile's pixels in some of its rows, a bit mask, along a path of so many
+ * columns and rows about each, and what is doubted of it. `means`, (t, 3, 16), are those of the
+ * sharp frame. The tile counts for those around that the picture lacks. */
 void gather_tile(const FrameState *state, int32_t number, const TileSamples *samples,
-                 const float *means, const float path[2], float gathered[3][BLOCK_RAYS],
+                 const float *means, const float path[2], int rows, float gathered[3][BLOCK_RAYS],
                  float doubts[3][BLOCK_RAYS]);
 
 #endif

@@ -159,11 +159,12 @@ static void light_triangle(int tile, MovingScene *scene, MovingTriangle *moving)
     int is_occluded = has_occlusion(state->scene, triangle);
     moving->is_occluded = 0;
     LightProof proof = {0, 0};
-    if (state->frame->has_shadows || (moving->is_constant && is_occluded)) {
+    int is_unlit = state->frame->has_shadows && !are_lights_known(state, triangle, &proof);
+    if (is_unlit || (moving->is_constant && is_occluded)) {
         Vec3 corners[4];
         Box box = enclose_visible(state, tile, triangle);
         find_plane_corners(state, &box, triangle, corners);
-        if (state->frame->has_shadows)
+        if (is_unlit)
             proof = prove_lights(state, triangle, corners);
         if (is_occluded)
             moving->is_occluded = find_sky_view(state->scene, triangle, corners) != SKY_OPEN;

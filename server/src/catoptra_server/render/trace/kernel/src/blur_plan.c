@@ -52,10 +52,12 @@ static int allocate(BlurPlan *plan, const View *view, int num_objects) {
     plan->masks = calloc(tiles, 1);
     plan->gathered = calloc(tiles, 1);
     plan->thin = calloc(tiles, 1);
+    plan->lights = calloc(tiles, sizeof(LightProof));
     plan->cells = malloc(2 * CHANNELS * cells);
     int is_whole = plan->objects && plan->means && plan->blurred && plan->samples.is_sampled &&
                    (plan->samples.radiance || !plan->is_gathered) && plan->motions &&
-                   plan->instants && plan->masks && plan->gathered && plan->thin && plan->cells;
+                   plan->instants && plan->masks && plan->gathered && plan->thin &&
+                   plan->lights && plan->cells;
     for (int level = 0; level < BEAM_LEVELS; level++) {
         const BeamLevel *parts = &view->levels[level];
         plan->wanted[level] = calloc((size_t)parts->rows * (size_t)parts->columns, 1);
@@ -81,6 +83,21 @@ static float round_gain(float gain) {
     return gain;
 }
 
+/* Place of the camera's pose in that of another time. */
+static Pose relate_pose(const Pose *other, const Pose *camera) {
+    Vec3 moved = rotate_back(other->rotation, subtract(vec3(camera->translation),
+                                                       vec3(other->translation)));
+    Pose found = {.translation = {moved.x, moved.y, moved.z}};
+    for (int column = 0; column < 3; column++) {
+        const float *c = camera->rotation + column;
+        Vec3 axis = rotate_back(other->rotation, (Vec3){c[0], c[3], c[6]});
+        found.rotation[column] = axis.x;
+        found.rotation[3 + column] = axis.y;
+        found.rotation[6 + column] = axis.z;
+    }
+    return found;
+}
+
 BlurPlan *create_plan(const FrameState *state) {
     const Frame *frame = state->frame;
     BlurPlan *plan = calloc(1, sizeof *plan);
@@ -101,6 +118,8 @@ BlurPlan *create_plan(const FrameState *state) {
     for (int i = 0; i < 3; i++) {
         FrameState moved = at_instant(state, times[i]);
         *cameras[i] = moved.camera;
+        if (i)
+            plan->related[i - 1] = relate_pose(&moved.camera, &plan->camera);
         for (int object = 0; object < frame->num_objects; object++)
             object_pose(&moved, object, plan->objects + 3 * object + i);
     }
@@ -122,6 +141,7 @@ void release_plan(BlurPlan *plan) {
     free(plan->instants);
     free(plan->masks);
     free(plan->thin);
+    free(plan->lights);
     free(plan->cells);
     free(plan);
 }
@@ -136,10 +156,11 @@ static Vec3 place_back(const Pose *pose, Vec3 point) {
     return rotate_back(pose->rotation, subtract(point, vec3(pose->translation)));
 }
 
-/* Direction, from a pose, to the static point that is seen in a direction at an inverse range. */
-static Vec3 look_back(const BlurPlan *plan, const Pose *pose, Vec3 direction, float inverse) {
-    Vec3 moved = subtract(vec3(plan->camera.translation), vec3(pose->translation));
-    return unit(rotate_back(pose->rotation, add(direction, scale(inverse, moved))));
+/* Direction, from another pose, to the static point that the camera sees in a direction at an
+ * inverse range. */
+static Vec3 look_back(const Pose *related, Vec3 direction, float inverse) {
+    return unit(add(rotate(related->rotation, direction),
+                    scale(inverse, vec3(related->translation))));
 }
 
 /* Rays with origins pass the viewpoint, from which speeds are measured: what is near moves by up to
@@ -163,11 +184,10 @@ static void note_motion(const FrameState *state, int tile, Vec3 change, float in
 }
 
 static void note_static(const FrameState *state, int tile, Vec3 direction, float inverse) {
-    const BlurPlan *plan = state->plan;
-    Vec3 seen = rotate(plan->camera.rotation, direction);
+    const Pose *related = state->plan->related;
     note_motion(state, tile,
-                subtract(look_back(plan, &plan->end, seen, inverse),
-                         look_back(plan, &plan->begin, seen, inverse)),
+                subtract(look_back(related + 1, direction, inverse),
+                         look_back(related, direction, inverse)),
                 inverse);
 }
 
@@ -189,15 +209,15 @@ typedef struct {
 
 static Extremes find_extremes(const RayBlock *rays, const HitBlock *hits, int is_object) {
     Extremes found = {-1, -1};
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        if (!(rays->active >> lane & 1) || (hits->object[lane] > OBJECT_STATIC) != is_object)
-            continue;
-        float range = rays->limit[lane];
-        if (found.nearest < 0 || range < rays->limit[found.nearest])
-            found.nearest = lane;
-        if (found.farthest < 0 || range > rays->limit[found.farthest])
-            found.farthest = lane;
-    }
+    Floats16 ranges = load16(rays->limit);
+    uint32_t objects = bits16(load_ints16(hits->object) > OBJECT_STATIC);
+    uint32_t among = rays->active & (is_object ? objects : ~objects);
+    if (!among)
+        return found;
+    float least = least_of16(select16(mask16(among), ranges, splat16(INFINITY)));
+    float most = most_of16(select16(mask16(among), ranges, splat16(-INFINITY)));
+    found.nearest = __builtin_ctz(bits16(ranges == least) & among);
+    found.farthest = __builtin_ctz(bits16(ranges == most) & among);
     return found;
 }
 
@@ -220,6 +240,8 @@ void note_hits(const FrameState *state, int tile, const RayBlock *rays, const Hi
             note_object(state, tile, hits->object[lane], mirror_direction(state, rays, lane),
                         rays->limit[lane]);
     }
+    if (!state->scene->sky && !state->frame->has_gloss)
+        return;
     /* Gloss moves otherwise. A sky's samples are too few for its sun and clouds; to look them up at
      * other instants takes no search. */
     for (int lane = 0; lane < BLOCK_RAYS; lane++) {
@@ -235,6 +257,14 @@ void note_hits(const FrameState *state, int tile, const RayBlock *rays, const Hi
 void note_apart(const FrameState *state, size_t block) {
     size_t blocks = (size_t)state->rays->samples * (size_t)state->rays->samples;
     state->plan->motions[state->rays->tiles[block / blocks]].most[0] = INFINITY;
+}
+
+void note_lights(const FrameState *state, size_t tile, LightProof lights) {
+    LightProof *noted = state->plan->lights + state->rays->tiles[tile];
+    if (state->plan->are_lights_known)
+        return;
+    noted->seen |= lights.seen;
+    noted->hidden |= lights.hidden;
 }
 
 void note_plane(const FrameState *state, int tile, int32_t triangle) {
@@ -522,28 +552,53 @@ static void fill_rim(const FrameState *state) {
     }
 }
 
-/* Light of a tile's pixels and of those around; 0 if one is not wholly on the mirror. */
-static int collect_pixels(const FrameState *state, int32_t number,
-                          float light[CHANNELS][AROUND][AROUND]) {
+/* Tiles of 3 x 3. */
+enum { TILES_AROUND = 9, MIDDLE = 4 };
+
+/* Numbers of a tile and of those around, -1 beside the mirror; 0 if it lies at the picture's
+ * edge. */
+static int find_around(const FrameState *state, int32_t number, int32_t tiles[TILES_AROUND]) {
     const View *view = state->view;
     int columns = view->rays.tile_columns, row = number / columns, column = number % columns;
     if (row < 1 || column < 1 || row + 1 >= view->tile_rows || column + 1 >= columns)
         return 0;
-    for (int i = -1; i <= 1; i++)
-        for (int k = -1; k <= 1; k++) {
-            int32_t tile = view->tile_at[number + i * columns + k];
-            if (tile < 0 || !is_wholly_valid(state, tile))
-                return 0;
-            int top = i < 0 ? TILE_PX - MAX_NEAR : 0, left = k < 0 ? TILE_PX - MAX_NEAR : 0;
-            int bottom = i > 0 ? MAX_NEAR : TILE_PX, right = k > 0 ? MAX_NEAR : TILE_PX;
-            const float *means = state->plan->means + (size_t)tile * CHANNELS * BLOCK_RAYS;
-            for (int channel = 0; channel < CHANNELS; channel++)
-                for (int y = top; y < bottom; y++)
-                    for (int x = left; x < right; x++)
-                        light[channel][TILE_PX * i + y + MAX_NEAR][TILE_PX * k + x + MAX_NEAR] =
-                            means[channel * BLOCK_RAYS + y * TILE_PX + x];
-        }
+    for (int i = 0; i < TILES_AROUND; i++)
+        tiles[i] = view->tile_at[number + (i / 3 - 1) * columns + i % 3 - 1];
     return 1;
+}
+
+/* Cells of the middle tile about which the sharp frame shows all that is near: no rim, and nothing
+ * that may pass between the samples. A cell reaches into tiles of its own corner alone. */
+static int find_known_cells(const FrameState *state, const int32_t tiles[TILES_AROUND]) {
+    int known = 0, cells = 0;
+    for (int i = 0; i < TILES_AROUND; i++)
+        if (tiles[i] >= 0 && is_wholly_valid(state, tiles[i]) &&
+            !state->plan->thin[state->rays->tiles[tiles[i]]])
+            known |= 1 << i;
+    for (int cell = 0; cell < CELLS * CELLS; cell++) {
+        int down = cell / CELLS ? 3 : -3, right = cell % CELLS ? 1 : -1;
+        int corner = 1 << MIDDLE | 1 << (MIDDLE + down) | 1 << (MIDDLE + right) |
+                     1 << (MIDDLE + down + right);
+        cells |= ((known & corner) == corner) << cell;
+    }
+    return cells;
+}
+
+/* Light of a tile's pixels and of those around, its own beside the picture. */
+static void collect_pixels(const FrameState *state, const int32_t tiles[TILES_AROUND],
+                           float light[CHANNELS][AROUND][AROUND]) {
+    for (int tile = 0; tile < TILES_AROUND; tile++) {
+        int i = tile / 3 - 1, k = tile % 3 - 1;
+        int top = i < 0 ? TILE_PX - MAX_NEAR : 0, left = k < 0 ? TILE_PX - MAX_NEAR : 0;
+        int bottom = i > 0 ? MAX_NEAR : TILE_PX, right = k > 0 ? MAX_NEAR : TILE_PX;
+        int32_t from = tiles[tile] < 0 ? tiles[MIDDLE] : tiles[tile];
+        const float *means = state->plan->means + (size_t)from * CHANNELS * BLOCK_RAYS;
+        for (int channel = 0; channel < CHANNELS; channel++)
+            for (int y = top; y < bottom; y++)
+                for (int x = left; x < right; x++)
+                    light[channel][TILE_PX * i + y + MAX_NEAR][TILE_PX * k + x + MAX_NEAR] =
+                        means[channel * BLOCK_RAYS + y * TILE_PX + x];
+    }
 }
 
 /* Largest second difference of a row of pixels, along the axes and both diagonals. */
@@ -598,27 +653,19 @@ static void bound_near_changes(const Frame *frame, const float light[CHANNELS][A
     }
 }
 
-/* Whether something in a tile or beside it may pass between the samples. */
-static int is_thin_around(const FrameState *state, int32_t number) {
-    int columns = state->rays->tile_columns, row = number / columns, column = number % columns;
-    for (int i = row > 0 ? row - 1 : 0; i <= row + 1 && i < state->view->tile_rows; i++)
-        for (int k = column > 0 ? column - 1 : 0; k <= column + 1 && k < columns; k++)
-            if (state->plan->thin[i * columns + k])
-                return 1;
-    return 0;
-}
-
-/* Largest difference of light within a tile and around it, grey levels. */
-static float measure_contrast(const Frame *frame, const float light[CHANNELS][AROUND][AROUND]) {
+/* Largest difference of light within a cell and around it, grey levels. */
+static float measure_contrast(const Frame *frame, const float light[CHANNELS][AROUND][AROUND],
+                              int cell) {
+    int top = cell / CELLS * 2, left = cell % CELLS * 2, side = 2 + 2 * MAX_NEAR;
     float contrast = 0.0f;
     for (int channel = 0; channel < CHANNELS; channel++) {
-        Floats8 low = load8(light[channel][0]), high = low;
-        for (int y = 1; y < AROUND; y++) {
+        Floats8 low = load8(light[channel][top]), high = low;
+        for (int y = top + 1; y < top + side; y++) {
             low = least8(load8(light[channel][y]), low);
             high = most8(load8(light[channel][y]), high);
         }
-        contrast = fmaxf(contrast, level_change(frame, -most_of_columns(-low, 0, AROUND),
-                                                most_of_columns(high, 0, AROUND)));
+        contrast = fmaxf(contrast, level_change(frame, -most_of_columns(-low, left, left + side),
+                                                most_of_columns(high, left, left + side)));
     }
     return contrast;
 }
@@ -658,10 +705,16 @@ static int gather_cells(const FrameState *state, int tile, int cells,
     float path[2], apart = find_path(state, number, path);
     float means[CHANNELS][BLOCK_RAYS], doubts[CHANNELS][BLOCK_RAYS];
     float tolerance = fmaxf(MAX_DOUBT, 0.25f * state->frame->blur_threshold);
-    if (!(fmaxf(fabsf(path[0]), fabsf(path[1])) <= MAX_PATH_PX) ||
-        !(apart * measure_contrast(&plan->counted, light) <= MAX_APART))
+    if (!(fmaxf(fabsf(path[0]), fabsf(path[1])) <= MAX_PATH_PX))
         return 0;
-    gather_tile(state, number, &plan->samples, plan->means, path, means, doubts);
+    for (int cell = 0; cell < CELLS * CELLS; cell++)
+        if (cells >> cell & 1 &&
+            !(apart * measure_contrast(&plan->counted, light, cell) <= MAX_APART))
+            cells &= ~(1 << cell);
+    if (!cells)
+        return 0;
+    int rows = (cells & 3 ? 3 : 0) | (cells & 12 ? 12 : 0);
+    gather_tile(state, number, &plan->samples, plan->means, path, rows, means, doubts);
     for (int pixel = 0; pixel < BLOCK_RAYS; pixel++) {
         int bit = 1 << cell_of_pixel(pixel);
         for (int channel = 0; cells & bit && channel < CHANNELS; channel++) {
@@ -691,24 +744,50 @@ void choose_cells(const FrameState *state, int tile) {
     int reach = *mask / NEAR;
     _Alignas(32) float light[CHANNELS][AROUND][AROUND];
     float bounds[CELLS * CELLS] = {0};
+    int32_t tiles[TILES_AROUND];
     *mask %= NEAR;
     /* A single sample misses what is thinner than a pixel: all that is farther counts, too. */
     if (!*mask || !reach || state->rays->samples < 2 ||
-        is_thin_around(state, state->rays->tiles[tile]) ||
-        !collect_pixels(state, state->rays->tiles[tile], light))
+        !find_around(state, state->rays->tiles[tile], tiles))
         return;
+    int known = *mask & find_known_cells(state, tiles);
+    if (!known)
+        return;
+    collect_pixels(state, tiles, light);
     bound_near_changes(state->frame, light, reach, bounds);
     for (int cell = 0; cell < CELLS * CELLS; cell++)
-        if (*mask >> cell & 1 && !is_visible(state, bounds[cell], INFINITY))
+        if (known >> cell & 1 && !is_visible(state, bounds[cell], INFINITY))
             *mask &= (uint8_t)~(1 << cell);
+    known &= *mask;
     /* Rays measure what shadows take where the sharp frame shows none. */
-    if (*mask && state->plan->is_gathered && !state->measures->blurs_unseen_shadows)
-        *mask &= (uint8_t)~gather_cells(state, tile, *mask,
-                                        (const float(*)[AROUND][AROUND])light);
+    if (known && state->plan->is_gathered && !state->measures->blurs_unseen_shadows)
+        *mask &=
+            (uint8_t)~gather_cells(state, tile, known, (const float(*)[AROUND][AROUND])light);
+}
+
+/* Instants that show what was in a tile around, half a displacement away. */
+enum { MAX_AROUND_INSTANTS = 4 };
+
+LightProof find_known_lights(const FrameState *state, int tile) {
+    int32_t number = state->rays->tiles[tile], tiles[TILES_AROUND];
+    LightProof met = {0, 0};
+    if (!state->frame->has_shadows || state->measures->blurs_unseen_shadows ||
+        state->plan->instants[number] > MAX_AROUND_INSTANTS || !find_around(state, number, tiles))
+        return met;
+    for (int i = 0; i < TILES_AROUND; i++) {
+        int32_t other = tiles[i] < 0 ? number : state->rays->tiles[tiles[i]];
+        /* Shadows of what moves are elsewhere at other instants. */
+        if (state->plan->motions[other].most[0] == INFINITY)
+            return (LightProof){0, 0};
+        met.seen |= state->plan->lights[other].seen;
+        met.hidden |= state->plan->lights[other].hidden;
+    }
+    return (LightProof){met.seen & ~met.hidden, met.hidden & ~met.seen};
 }
 
 void want_tiles(const FrameState *state) {
     BlurPlan *plan = state->plan;
+    plan->are_lights_known = 1;
     int columns = state->rays->tile_columns;
     for (int tile = 0; tile < state->rays->num_tiles; tile++) {
         int number = state->rays->tiles[tile], count = plan->instants[number];

@@ -3,8 +3,9 @@
  * The sharp frame says by how much each tile's surfaces move, in pixels, and how much pixels differ
  * within reach of that motion, and how little light bends there. A pixel changes by no more than
  * that: most of a picture is left as it is. Where all moves as one, the samples of the sharp frame
- * tell what passes (blur_gather.h), if no gloss and no moving shadow does. All decisions follow from the sharp frame alone, not
- * from threads.
+ * tell what passes (blur_gather.h), if no gloss and no moving shadow does; elsewhere they tell which
+ * lights all that passes meets alike. All decisions follow from the sharp frame alone, not from
+ * threads.
  */
 #ifndef CATOPTRA_BLUR_PLAN_H
 #define CATOPTRA_BLUR_PLAN_H
@@ -24,6 +25,7 @@ typedef struct BlurPlan {
     int is_blurred; /* rows are exposed for some time */
     float interval; /* time between the two poses below */
     Pose camera, begin, end;
+    Pose related[2]; /* the camera's pose in those of both */
     Pose *objects; /* (o, 3) likewise */
     int is_gathered; /* light of cells that move as one comes from the samples */
     Frame counted; /* the frame, with a rounded gain */
@@ -37,6 +39,8 @@ typedef struct BlurPlan {
     uint8_t *thin;       /* likewise: whether something there may pass between the samples */
     uint8_t *masks;      /* likewise: bit mask of the cells that motion may change, row by row */
     uint8_t *gathered;   /* likewise of those that are drawn by the sharp frame's samples */
+    LightProof *lights;  /* likewise: lights that something sees, and that are hidden from some */
+    int are_lights_known; /* of all tiles */
     uint8_t *wanted[BEAM_LEVELS]; /* parts with such tiles */
     int num_tiles, max_instants;
     ChangeMeasure rolling; /* bound of the change by the rows' own times */
@@ -54,6 +58,13 @@ void note_plane(const FrameState *state, int tile, int32_t triangle);
 
 /* Take down that light on what a block of the table shows moves otherwise than its surfaces. */
 void note_apart(const FrameState *state, size_t block);
+
+/* Take down that something in a tile sees some lights, and that others are hidden from something;
+ * in the first pass. */
+void note_lights(const FrameState *state, size_t tile, LightProof lights);
+
+/* Lights that all in a tile and around it meets alike: at other instants it does so, too. */
+LightProof find_known_lights(const FrameState *state, int tile);
 
 /* Take down the linear means of a tile's pixels. */
 void note_means(const FrameState *state, int tile, const float means[3][TILE_PX * TILE_PX]);

@@ -281,29 +281,105 @@ typedef struct {
     int is_hidden; /* no part of it shows an open part of its surface */
 } Part;
 
+/* Of a list's flat surfaces: the planes of the edges that bound them, in a beam. */
+enum { MAX_EDGES = 32 };
+typedef struct {
+    int count;
+    int32_t surface[MAX_EDGES];
+    Vec3 normal[MAX_EDGES]; /* unit, towards the surface */
+} EdgePlanes;
+
+/* Edges meet at less than 30 degrees along a strip; what is shorter than so many spacings has no
+ * strips. */
+#define MAX_STRIP_COSINE (-0.866f)
+#define MIN_STRIP_SPACINGS 4.0f
+
+/* Directions to a triangle's corners. */
+static void find_seen(const CandidateList *list, int at, const BeamSides *sides, Vec3 seen[3]) {
+    for (int corner = 0; corner < 3; corner++) {
+        Vec3 to = corner_from_apex(list, at, corner, sides);
+        seen[corner] = scale(1.0f / sqrtf(dot(to, to)), to);
+    }
+}
+
+/* Whether a triangle is seen narrower than a spacing, and how: strips are told by their edges. */
+typedef enum { WIDE, STRIP, SPECK } Shape;
+
+static Shape find_shape(const Vec3 seen[3], float spacing) {
+    float longest = 0.0f, volume = fabsf(dot(seen[0], cross(seen[1], seen[2])));
+    for (int corner = 0; corner < 3; corner++) {
+        Vec3 side = cross(seen[corner], seen[(corner + 1) % 3]);
+        longest = fmaxf(longest, dot(side, side));
+    }
+    if (volume >= spacing * sqrtf(longest))
+        return WIDE;
+    return longest > MIN_STRIP_SPACINGS * MIN_STRIP_SPACINGS * spacing * spacing ? STRIP : SPECK;
+}
+
+/* Add the edges of a triangle that bound its surface within a beam; 0 if there are too many. */
+static int add_edge_planes(const FrameState *state, const CandidateList *list, int at,
+                           const BeamSides *sides, EdgePlanes *planes) {
+    int32_t id = list->id[at];
+    Vec3 seen[3];
+    find_seen(list, at, sides, seen);
+    float sign = dot(seen[0], cross(seen[1], seen[2])) < 0.0f ? -1.0f : 1.0f;
+    for (int edge = 0; edge < 3; edge++) {
+        int next = (edge + 1) % 3;
+        if (!(state->scene->surfaces.outer_edges[id] >> edge & 1) ||
+            is_edge_outside(sides, corner_from_apex(list, at, edge, sides),
+                            corner_from_apex(list, at, next, sides), list->reach[at]))
+            continue;
+        if (planes->count == MAX_EDGES)
+            return 0;
+        Vec3 normal = cross(seen[edge], seen[next]);
+        planes->surface[planes->count] = state->scene->surfaces.surface[id];
+        planes->normal[planes->count++] = scale(sign / sqrtf(dot(normal, normal)), normal);
+    }
+    return 1;
+}
+
+/* Whether two edges of a surface run along each other, nearer than a spacing in a beam. */
+static int has_strip(const EdgePlanes *planes, const BeamSides *sides, float spacing) {
+    for (int i = 0; i < planes->count; i++)
+        for (int k = 0; k < i; k++) {
+            if (planes->surface[i] != planes->surface[k] ||
+                !(dot(planes->normal[i], planes->normal[k]) < MAX_STRIP_COSINE))
+                continue;
+            float least = INFINITY, most = -INFINITY;
+            for (int ray = 0; ray < 4; ray++) {
+                float width = dot(add(planes->normal[i], planes->normal[k]), sides->edge[ray]);
+                least = fminf(least, width);
+                most = fmaxf(most, width);
+            }
+            if (!(least >= spacing || most <= -spacing))
+                return 1;
+        }
+    return 0;
+}
+
 /* Whether something of the static scene may be seen narrower than the distance of two samples along
  * a diagonal. */
 static int may_be_thin(const FrameState *state, const CandidateList *kept, const BeamSides *sides) {
     float spacing = 1.5f * sides->tile / (float)(TILE_PX * state->rays->samples);
+    EdgePlanes planes = {.count = 0};
+    int is_any = 0;
     for (int i = 0; i < kept->count; i++) {
+        Vec3 seen[3];
         if (candidate_object(kept->id[i]) != OBJECT_STATIC)
             continue;
         if (kept->id[i] == CLUSTER)
             return 1;
-        Vec3 seen[3];
-        for (int corner = 0; corner < 3; corner++) {
-            Vec3 at = corner_from_apex(kept, i, corner, sides);
-            seen[corner] = scale(1.0f / sqrtf(dot(at, at)), at);
-        }
-        float longest = 0.0f, volume = fabsf(dot(seen[0], cross(seen[1], seen[2])));
-        for (int corner = 0; corner < 3; corner++) {
-            Vec3 side = cross(seen[corner], seen[(corner + 1) % 3]);
-            longest = fmaxf(longest, dot(side, side));
-        }
-        if (volume < spacing * sqrtf(longest))
+        find_seen(kept, i, sides, seen);
+        Shape shape = find_shape(seen, spacing);
+        if (shape == SPECK)
             return 1;
+        is_any |= shape == STRIP;
     }
-    return 0;
+    for (int i = 0; is_any && i < kept->count; i++)
+        if (candidate_object(kept->id[i]) == OBJECT_STATIC &&
+            !add_edge_planes(state, kept, i, sides, &planes))
+            return 1;
+    return is_any && has_strip(&planes, sides, spacing);
 }
 
 /* All that a part may show of the static scene. */
@@ -443,9 +519,18 @@ static void render_closed(Search *search, const View *view, const Part *part) {
                 continue;
             }
             /* Beams are slow to read, too: only those of tiles that need them. */
-            if (!is_occluded || !fill_occluded_tile(search->state, tile, &part->content,
+            TileContent content = part->content;
+            if (search->state->plan)
+                note_lights(search->state, (size_t)tile, content.proof);
+            if (content.may_be_thin) {
+                BeamSides sides;
+                find_sides(search->state, &view->levels[0], row * columns + column, &sides);
+                content.may_be_thin =
+                    may_be_thin(search->state, &search->levels[part->level], &sides);
+            }
+            if (!is_occluded || !fill_occluded_tile(search->state, tile, &content,
                                                     &view->levels[0].beams[row * columns + column]))
-                render_tile(search->state, tile, &part->content);
+                render_tile(search->state, tile, &content);
             search->num_filled += is_filled;
         }
 }

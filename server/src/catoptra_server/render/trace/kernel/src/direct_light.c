@@ -176,7 +176,9 @@ static uint32_t find_occluded(const FrameState *state, int light, const RayBlock
                               const Incidence *incidence, uint32_t facing) {
     const Scene *scene = state->scene;
     const Mesh *casters = scene->casters ? scene->casters : scene->mesh;
-    uint32_t hidden = 0;
+    uint32_t hidden = light < 32 && state->known.hidden >> light & 1 ? facing : 0;
+    if (light < 32 && (state->known.hidden | state->known.seen) >> light & 1)
+        return hidden;
     for (int i = 0; i < surface->num_proven && light < 32; i++) {
         uint32_t rays = facing & surface->proven[i].rays;
         LightProof proof = surface->proven[i].proof;
@@ -236,6 +238,10 @@ void add_light(const FrameState *state, int number, const RayBlock *rays, const 
     uint32_t facing = find_facing(&incidence, added), occluded = 0;
     if (facing && state->frame->has_shadows)
         occluded = find_occluded(state, number, rays, hits, surface, &incidence, facing);
+    if (facing && state->plan && number < 32 && !state->mirror)
+        note_lights(state, rays->index / ((size_t)state->rays->samples * (size_t)state->rays->samples),
+                    (LightProof){.seen = (uint32_t)((facing & ~occluded) != 0) << number,
+                                 .hidden = (uint32_t)(occluded != 0) << number});
     if (facing & ~occluded)
         add_reflected(light, surface, incidence.factor, facing & ~occluded, radiance);
     if (!lost || !occluded)

@@ -13,6 +13,12 @@ typedef struct {
     float spread;
 } MirrorPlane;
 
+/* Lights by their numbers, of the first 32: those that nothing occludes, and those that are
+ * occluded, everywhere on a part of a facet. */
+typedef struct {
+    uint32_t seen, hidden;
+} LightProof;
+
 typedef struct {
     const Device *device;
     const Scene *scene;          /* lights, grids and maps in the frame's coordinates */
@@ -36,6 +42,7 @@ typedef struct {
     int32_t unseen_object; /* number in hits of an object that rays of the camera pass; 0: none */
     const MirrorPlane *mirror; /* of rays that a facet mirrors; NULL: of the camera's */
     int has_point_lights;
+    LightProof known; /* lights that all rays meet alike: of a tile's other instants */
     int is_constant; /* light is constant over each facet: no shadow, no point light */
 } FrameState;
 

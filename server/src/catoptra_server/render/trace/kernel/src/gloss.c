@@ -116,6 +116,7 @@ static int cast_mirrored(const FrameState *state, const RayBlock *rays, const Hi
                          gloss->roughness[first] * gloss->roughness[first]};
     FrameState once = *state;
     once.mirror = &plane;
+    once.known = (LightProof){0, 0};
     RayBlock mirrored = *rays;
     HitPoints points;
     find_hit_points(state, rays, hits, lanes, &points);

@@ -264,17 +264,28 @@ float find_incidence(const FrameState *state, const Light *light, int32_t triang
     return light->lights_scene ? dot(normal, towards) : 0.0f;
 }
 
-LightProof prove_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4]) {
-    const LightMaps *maps = state->scene->light_maps;
-    LightProof proof = {0, 0};
-    int count = maps ? state->scene->num_lights : 0;
-    for (int light = 0; light < count && light < 32; light++) {
+int are_lights_known(const FrameState *state, int32_t triangle, LightProof *proof) {
+    uint32_t shining = 0;
+    for (int light = 0; light < state->scene->num_lights && light < 32; light++)
         /* What is turned away from a light is dark without a proof. */
-        if (!(find_incidence(state, &state->scene->lights[light], triangle) > 0.0f))
+        if (find_incidence(state, &state->scene->lights[light], triangle) > 0.0f)
+            shining |= 1u << light;
+    *proof = (LightProof){shining & state->known.seen, shining & state->known.hidden};
+    return !(shining & ~(proof->seen | proof->hidden)) && state->scene->num_lights <= 32;
+}
+
+LightProof prove_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4]) {
+    LightProof proof;
+    if (are_lights_known(state, triangle, &proof) || !state->scene->light_maps)
+        return proof;
+    for (int light = 0; light < state->scene->num_lights && light < 32; light++) {
+        uint32_t bit = 1u << light;
+        if ((proof.seen | proof.hidden) & bit ||
+            !(find_incidence(state, &state->scene->lights[light], triangle) > 0.0f))
             continue;
         int found = find_in_quad(state, light, state->scene->surfaces.surface[triangle], corners);
-        proof.seen |= (uint32_t)(found == LIGHT_SEEN) << light;
-        proof.hidden |= (uint32_t)(found == LIGHT_HIDDEN) << light;
+        proof.seen |= found == LIGHT_SEEN ? bit : 0;
+        proof.hidden |= found == LIGHT_HIDDEN ? bit : 0;
     }
     return proof;
 }

@@ -21,12 +21,6 @@
  * nothing but dynamic objects can occlude it. */
 enum { LIGHT_UNKNOWN, LIGHT_SEEN, LIGHT_HIDDEN, LIGHT_BEHIND_OBJECTS };
 
-/* Lights by their numbers, of the first 32: those that nothing occludes, and those that are
- * occluded, everywhere on a part of a facet. */
-typedef struct {
-    uint32_t seen, hidden;
-} LightProof;
-
 enum { MAX_PROVEN = 16 };
 
 /* The same on the parts of a few static facets that a part of the image shows. */
@@ -52,6 +46,10 @@ Uncertainty find_light(const FrameState *state, int light, const HitBlock *hits,
 /* Cosine to a directional light, or the height of a point light above a static facet's plane: above
  * zero if the light shines on the facet. */
 float find_incidence(const FrameState *state, const Light *light, int32_t triangle);
+
+/* Whether the frame's state tells all about the lights that shine on a static facet, and what it
+ * tells. */
+int are_lights_known(const FrameState *state, int32_t triangle, LightProof *proof);
 
 /* What is known of the lights that shine on the part of a static facet between four points. */
 LightProof prove_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4]);
