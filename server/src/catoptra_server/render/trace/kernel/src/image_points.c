@@ -50,11 +50,15 @@ static void change_gain(const Pass *pass, const ImageStage *stage, const Cell *c
     }
 }
 
+float find_auto_gain(const ImageStage *stage, float mean_luminance) {
+    const float *numbers = stage->numbers;
+    float gain = mean_luminance > 0.0f ? numbers[0] / mean_luminance : numbers[2];
+    return gain > numbers[1] ? gain < numbers[2] ? gain : numbers[2] : numbers[1];
+}
+
 static void change_auto_gain(const Pass *pass, const ImageStage *stage, const Cell *cell,
                              CellValues *cells) {
-    const float *numbers = stage->numbers;
-    float gain = pass->mean_luminance > 0.0f ? numbers[0] / pass->mean_luminance : numbers[2];
-    gain = gain > numbers[1] ? gain < numbers[2] ? gain : numbers[2] : numbers[1];
+    float gain = find_auto_gain(stage, pass->mean_luminance);
     EACH_ROW(cells, cell) {
         float *values = cells->values[plane][row];
         store16(load16(values) * gain, values);
