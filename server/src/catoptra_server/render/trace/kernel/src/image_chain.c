@@ -80,6 +80,8 @@ static void develop_cell(const Pass *pass, const Cell *cell) {
     if (pass->target == TO_MOSAIC)
         keep_mosaic(&values);
     change_points(pass, cell, &values);
+    if (pass->sums_luminance && pass->changes)
+        sum_without_factors(pass, cell, &values);
     store_cell(pass, cell, &values);
 }
 
@@ -91,7 +93,8 @@ static void develop_rows(void *argument) {
     while ((row = atomic_fetch_add(&job->next, 1)) < pass->cell_rows) {
         int top = row * CELL_ROWS, left_rows = pass->job->height - top;
         int rows = left_rows < CELL_ROWS ? left_rows : CELL_ROWS;
-        pass->row_sums[row] = 0.0;
+        for (int i = 0; i <= pass->job->num_stages; i++)
+            pass->row_sums[i * pass->cell_rows + row] = 0.0;
         for (int column = 0; column < pass->cell_columns; column++) {
             int left = column * CELL_COLUMNS, left_columns = pass->job->width - left;
             int columns = left_columns < CELL_COLUMNS ? left_columns : CELL_COLUMNS;
@@ -146,18 +149,20 @@ static void plan_pass(const ImageJob *job, int first, int number, Pass *pass) {
         pass->target = TO_NOTHING;
 }
 
-static void sum_rows(Pass *pass) {
+static float sum_rows(const Pass *pass, int number) {
     double sum = 0.0;
     for (int row = 0; row < pass->cell_rows; row++)
-        sum += pass->row_sums[row];
+        sum += pass->row_sums[number * pass->cell_rows + row];
     int32_t pixels = pass->job->mirror_pixels;
-    pass->mean_luminance = (float)(sum / (pixels > 0 ? pixels : 1));
+    return (float)(sum / (pixels > 0 ? pixels : 1));
 }
 
 /* Make what a pass developed the source of the next one. */
 static void finish_pass(Pass *pass) {
     if (pass->sums_luminance)
-        sum_rows(pass);
+        pass->mean_luminance = sum_rows(pass, 0);
+    for (int i = 0; pass->sums_luminance && i < pass->job->num_stages; i++)
+        pass->changes[i].mean_luminance = sum_rows(pass, 1 + i);
     if (pass->target != TO_PLANES)
         return;
     fill_rows_beyond(&pass->to);
@@ -191,7 +196,7 @@ static int is_before_mosaic(const ImageJob *job, const ImageStage *stage) {
 
 /* Whether light of a stage reaches the wells pixel by pixel: where it overflows is known. */
 static int is_before_overflow(const ImageJob *job, const ImageStage *stage) {
-    const ImageStage *next = stage + 1, *end = job->stages + job->num_stages;
+    const ImageStage *next = find_exposure(job, stage) + 1, *end = job->stages + job->num_stages;
     while (next < end && !reads_others(next) && next->kind != STAGE_GLARE)
         next++;
     return stage->spill[1] > 0.0f && next < end && next->kind == STAGE_BLOOM;
@@ -335,7 +340,7 @@ static size_t lay_out_pass(const ImageJob *job, char *scratch, Pass *pass) {
     pass->mosaic.values = take_memory(scratch, &taken, sizeof(float) * pass->mosaic.plane);
     pass->ranges = take_memory(scratch, &taken, sizeof(CellRange) * cells);
     pass->next_ranges = take_memory(scratch, &taken, sizeof(CellRange) * cells);
-    pass->row_sums = take_memory(scratch, &taken, sizeof(double) * rows);
+    pass->row_sums = take_memory(scratch, &taken, sizeof(double) * rows * (size_t)(1 + job->num_stages));
     pass->changes = take_memory(scratch, &taken, sizeof(Changes) * (size_t)job->num_stages);
     pass->means = take_memory(scratch, &taken, glare_bytes(job));
     pass->maps = take_memory(scratch, &taken, lay_out_maps(pass, NULL, &pass->maps_bytes));
