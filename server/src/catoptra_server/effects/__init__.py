@@ -285,6 +285,8 @@ class SceneSummary:
     """Light that lamps and suns bring into the image, radiance times pixels, of any colour."""
     has_defocus: bool = True
     """Whether settings allow `Defocus`, which blurs where `DefocusByDepth` is off."""
+    exposes_itself: bool = False
+    """Whether settings allow `AutoExposure`, which takes back what all pixels share."""
     gains: Gains = UNCHANGED
     """Factors from the light at the effect to that of the finished picture, of what follows."""
 

@@ -48,6 +48,7 @@ from catoptra_server.world.objects import CameraState
 
 # Effects by name: their modules are loaded for the files that name them.
 _DEFOCUS, _DEFOCUS_BY_DEPTH, _MOSAIC = "Defocus", "DefocusByDepth", "Bayer"
+_AUTO_EXPOSURE = "AutoExposure"
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +155,9 @@ def plan_effects(
     scene_effects: list[SceneEffect] = []
     image_effects: list[ImageEffect] = []
     allowed = {one.effect.name for one in settings.settings if one.mode is not EffectMode.NEVER}
-    summary = replace(summary, has_defocus=_DEFOCUS in allowed)
+    summary = replace(
+        summary, has_defocus=_DEFOCUS in allowed, exposes_itself=_AUTO_EXPOSURE in allowed
+    )
     for entry in _effect_entries(settings, camera):
         effect = entry.setting.effect
         decisions.append(_find_decision(entry, summary, settings))

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cache
 from typing import Generic, Protocol, TypeVar
 
@@ -25,6 +26,10 @@ from catoptra_protocol.slotted_dataclass import dataclass
 from catoptra_server.effects import CaptureContext, EffectChange, ImageEffect, Threshold
 from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.world.world_description import srgb_from_linear
+
+_AUTO_EXPOSURE = "AutoExposure"
+FACTORS = frozenset({"MirrorReflectance", "Vignetting", "Exposure"})
+"""Effects that multiply each pixel by a number: automatic exposure takes a part of it back."""
 
 _ImageT = TypeVar("_ImageT")
 
@@ -94,7 +99,7 @@ class NumpyImageChanger:
         light = exposed.light
         stage_ms: dict[str, float] = {}
         changes: dict[str, EffectChange] = {}
-        for effect in effects:
+        for number, effect in enumerate(effects):
             begin_s = time.perf_counter()
             before, light = light, effect.apply(light, exposed.camera, exposed.context)
             stage_ms[effect.name] = 1e3 * (time.perf_counter() - begin_s)
@@ -102,7 +107,16 @@ class NumpyImageChanger:
                 # Not loaded at the start of a server whose kernel measures.
                 from catoptra_server.effects.kernels.grey_levels import measure_change
 
-                changes[effect.name] = measure_change(before, light, thresholds[effect.name])
+                pair, threshold = (before, light), thresholds[effect.name]
+                names = [one.name for one in effects]
+                if effect.name in FACTORS and _AUTO_EXPOSURE in names[number:]:
+                    # Measured behind the exposure, which takes back what all pixels share.
+                    last = names.index(_AUTO_EXPOSURE)
+                    for one in effects[number + 1 : last + 1]:
+                        pair = tuple(one.apply(p, exposed.camera, exposed.context) for p in pair)
+                    behind = thresholds.get(_AUTO_EXPOSURE, Threshold(0.0))
+                    threshold = replace(threshold, gains=behind.gains, spill=behind.spill)
+                changes[effect.name] = measure_change(*pair, threshold)
         return ChangedImage(light, stage_ms, changes)
 
     def encode(
@@ -139,7 +153,7 @@ def narrow_thresholds(
         sample_light: Light that reaches the first effect, in a part of the pixels and black in the
             others; and the number of all over the number of these.
     """
-    if not any(effect.name == "AutoExposure" for effect in effects):
+    if not any(effect.name == _AUTO_EXPOSURE for effect in effects):
         return thresholds
     # Loaded with the effect itself.
     from catoptra_server.effects.kernels.grey_levels import mean_luminance

@@ -2,10 +2,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from catoptra_server.effects import Threshold
-from catoptra_server.effects.kernels.grey_levels import mean_luminance
+from catoptra_server.effects import SceneSummary, Threshold
+from catoptra_server.effects.kernels.grey_levels import (
+    max_change_by_factors,
+    mean_luminance,
+    measure_change,
+)
 from catoptra_server.effects.sensor.auto_exposure import AutoExposure, expect_gain
 from catoptra_server.effects.sensor.exposure import Exposure
 from catoptra_server.render.trace import TraceRenderer
@@ -74,16 +79,35 @@ def test_image_that_shows_nothing_of_the_mirror_is_black(engine: EngineName) -> 
     renderer.close()
 
 
-def test_change_in_a_frame_counts_by_its_gain_and_not_by_the_largest_possible_one() -> None:
+@pytest.mark.parametrize("engine", ["kernel", "reference"])
+@pytest.mark.parametrize("name", ["MirrorReflectance", "Vignetting", "Exposure"])
+@pytest.mark.parametrize("control", [WIDE, AutoExposure(0.18, 0.9, 1.1)])
+def test_change_by_a_factor_is_what_the_exposure_leaves_of_it(
+    control: AutoExposure, name: str, engine: EngineName
+) -> None:
     world = make_test_world()
-    renderer = TraceRenderer(build_scene(world), world, threads=1)
+    renderer = TraceRenderer(build_scene(world), world, threads=1, engine=engine)
     view = renderer.prepare(CAMERA, make_plan(CAMERA))
-    effects = (make_effect("Vignetting"), WIDE)
-    thresholds = {"Vignetting": Threshold(0.5, WIDE.gains)}
-    change = view.render(CAMERA_STATE, effects, thresholds).changes["Vignetting"].largest
-    gain = WIDE.gain(mean_luminance(view.render_linear(CAMERA_STATE, effects[:1]), CAMERA))
-    fixed = (effects[0], Exposure(gain, 1.0))
-    of_gain = {"Vignetting": Threshold(0.5, (gain, gain))}
-    known = view.render(CAMERA_STATE, fixed, of_gain).changes["Vignetting"].largest
+    effect = make_effect(name, {"white_exposure_s": 1.0 / 70.0} if name == "Exposure" else None)
+    effects = (effect, make_effect("MirrorDust", {"coverage": 0.0}), control)
+    thresholds = {name: Threshold(0.5, control.gains)}
+    change = view.render(CAMERA_STATE, effects, thresholds).changes[name].largest
+    pair = [view.render_linear(CAMERA_STATE, chain) for chain in (effects, effects[1:])]
     renderer.close()
-    assert known <= change <= 1.3 * known
+    true = measure_change(*pair).largest
+    assert change == pytest.approx(true, abs=0.02)
+    assert (true < 0.01) == (name == "Exposure" and control is WIDE)
+
+
+def test_bound_of_factors_holds_for_a_pixel_that_the_exposure_brightens() -> None:
+    # All light has the least factor, but for one pixel.
+    factors = np.full((CAMERA.height_px, CAMERA.width_px, 3), 0.98)
+    factors[CAMERA.height_px // 2, CAMERA.width_px // 2] = 1.02
+    light = np.full_like(factors, WIDE.target_luminance)
+    pair = (WIDE.apply(one, CAMERA, CAPTURE_CONTEXT) for one in (light, factors * light))
+    true = measure_change(*pair).largest
+    alone, exposed = (
+        max_change_by_factors(0.98, 1.02, SceneSummary(0.18, exposes_itself=exposes_itself))
+        for exposes_itself in (False, True)
+    )
+    assert alone < true <= exposed

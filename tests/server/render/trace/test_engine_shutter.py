@@ -276,6 +276,19 @@ def test_blur_of_less_than_a_pixel_is_stated_where_an_edge_passes_samples(
     assert measure_change(everywhere, sharp).largest <= frame.changes["MotionBlur"].largest + 0.011
 
 
+def test_blur_that_gathered_light_does_not_show_is_stated_where_edges_jump_over_samples() -> None:
+    # A tenth of a pixel, along a plain's edge against the sky: few of its samples see a change.
+    start = Pose.from_rpy((-73.0, -75.2, -0.6), (0.0, 0.0, -1.9))
+    state = driving_camera_state(start, 0.05, 1.2)
+    request = TraceRequest(is_linear=True, thresholds={"MotionBlur": Threshold(1.0)})
+    with open_rays("airfield", 2) as rays:
+        frame = rays.render(replace(state, shutter=BLUR), request)
+        sharp, mean = rays.render_linear(state), mean_frame(rays, state, 0.0, 64)
+    truth = measure_change(mean, sharp.astype(np.float64)).largest
+    assert truth > 3.0
+    assert frame.changes["MotionBlur"].largest > 0.75 * truth
+
+
 def test_motion_that_nobody_sees_is_left_out(rays: KernelRays) -> None:
     # A hundredth of a pixel during the exposure, and edges of 150 grey levels at most.
     state = driving_camera_state(START, 1e-4, 0.0)

@@ -85,6 +85,15 @@ def max_change_by_gain(gain: float, max_radiance: float) -> float:
     return grey_level(gain * just_white) - grey_level(just_white)
 
 
+def max_change_by_factors(least: float, largest: float, summary: SceneSummary) -> float:
+    """Largest change, in grey levels, of any radiance times any of an image's factors."""
+    factors = {least, largest}
+    if summary.exposes_itself and least > 0.0:
+        # Automatic exposure takes back some mean of the factors: a pixel beside has the quotient.
+        factors |= {least / largest, largest / least}
+    return max(max_change_by_gain(one, summary.picture_radiance) for one in factors)
+
+
 _NUM_RADIANCES = 2049
 
 

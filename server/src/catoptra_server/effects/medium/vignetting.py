@@ -27,7 +27,7 @@ from catoptra_server.effects import (
     Real,
     SceneSummary,
 )
-from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
+from catoptra_server.effects.kernels.grey_levels import max_change_by_factors
 from catoptra_server.effects.kernels.lens_blur import map_of_radius
 
 # Radii of the bound: between them the gain of 60 degrees off the axis bends by 1e-5.
@@ -41,7 +41,7 @@ class Vignetting:
     name: ClassVar[str] = "Vignetting"
     changes_scene: ClassVar[bool] = False
     gains: ClassVar[Gains] = AVERAGING
-    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
+    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance", "exposes_itself"})
     needs_range: ClassVar[bool] = False
 
     def bound(self, summary: SceneSummary, camera: RadialCamera) -> EffectBound:
@@ -49,7 +49,7 @@ class Vignetting:
         # At a mirror's rim and not in the image's corners: pixels outside the mirror are black.
         gains = camera.relative_illumination(np.linspace(0.0, camera.rim_radius_px, _NUM_RADII))
         # A gain below 1 changes the brightest light most.
-        value = max_change_by_gain(float(gains.min()), summary.picture_radiance)
+        value = max_change_by_factors(float(gains.min()), 1.0, summary)
         loss = 100.0 * (1.0 - float(gains.min()))
         return EffectBound(value, f"the image loses up to {loss:.2g} % of its light to its border")
 

@@ -33,7 +33,7 @@ from catoptra_server.effects import (
     Real,
     SceneSummary,
 )
-from catoptra_server.effects.kernels.grey_levels import max_change_by_gain
+from catoptra_server.effects.kernels.grey_levels import max_change_by_factors
 from catoptra_server.effects.kernels.lens_blur import map_of_radius
 
 # Radii of the bound: between them the reflectance of steel in the paper's mirror bends by 6e-7.
@@ -51,7 +51,7 @@ class MirrorReflectance:
 
     name: ClassVar[str] = "MirrorReflectance"
     changes_scene: ClassVar[bool] = False
-    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance"})
+    reads: ClassVar[frozenset[str]] = frozenset({"max_radiance", "exposes_itself"})
     needs_range: ClassVar[bool] = False
 
     @property
@@ -64,7 +64,7 @@ class MirrorReflectance:
         assert isinstance(camera, OmniCamera), NEEDS_MIRROR
         # All radii, not the ends: metals have a minimum of R between normal and grazing incidence.
         gains = self._relative_reflectance(np.linspace(0.0, 1.0, _NUM_RADII), camera)
-        value = max(max_change_by_gain(float(gain), summary.picture_radiance) for gain in gains)
+        value = max_change_by_factors(float(gains.min()), float(gains.max()), summary)
         angle = math.degrees(float(_mirror_incidence_rad(np.array(1.0), camera)))
         return EffectBound(value, f"light meets the mirror at up to {angle:.0f} degrees")
 

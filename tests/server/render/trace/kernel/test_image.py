@@ -295,6 +295,34 @@ def test_blur_by_range_counts_what_the_lens_leaves_of_its_change(
         assert (found <= threshold.max_change) == is_off
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("Diffraction", "Vignetting", "AutoExposure", "Bayer"),
+        ("Diffraction", "Vignetting", "Exposure", "Blooming", "Bayer", "WhiteBalance", "Response"),
+        ("Misalignment", "MirrorHolder", "VeilingGlare", "AutoExposure", "Bayer", "WhiteBalance"),
+    ],
+)
+def test_blur_by_range_counts_what_sensor_and_response_leave_of_its_change(
+    changer: KernelImageChanger, names: tuple[str, ...]
+) -> None:
+    camera = camera_of_size(160, 120)
+    context = make_context(camera)
+    context.range_m[:60] = context.range_m[:, :80] = np.inf  # type: ignore[index]
+    effects = tuple(map(make_effect, ("DefocusByDepth", *names)))
+    exposed = ExposedImage(next(make_images(camera)), camera, context)
+    pair = (
+        NUMPY.change(exposed, (first, *effects[1:]), {}).image
+        for first in (effects[0], make_effect("Defocus"))
+    )
+    true = measure_change(*pair).largest
+    for factor, is_off in ((1.25, True), (0.95, False)):
+        # As of a control whose gain nobody knows.
+        allowed = {"DefocusByDepth": Threshold(factor * true, (0.1, 10.0), has_mosaic=True)}
+        found = changer.change(exposed, effects, allowed).changes["DefocusByDepth"].largest
+        assert (found <= factor * true) == is_off
+
+
 def test_all_effects_in_one_call_are_the_effects_one_by_one(changer: KernelImageChanger) -> None:
     camera = camera_of_size(97, 71)
     context, image = make_context(camera), next(make_images(camera))

@@ -187,7 +187,8 @@ class KernelImageChanger:
                 stage.struct.spill[:] = threshold.spill
                 # The pixels that change visibly are counted where they do.
                 is_by_largest = threshold.is_measured and threshold.visible_share >= 1.0
-                if effect.name == DefocusByDepth.name and not number and is_by_largest:
+                is_followed = not number and len(effects) > 1
+                if effect.name == DefocusByDepth.name and is_followed and is_by_largest:
                     stage = _defer_change(stage, exposed)
                 made.append((effect.name, stage))
                 continue

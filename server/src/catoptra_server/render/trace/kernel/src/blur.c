@@ -306,21 +306,24 @@ static void write_units(const BlurTile *blur) {
     /* write_pixels divides by the number of a sharp frame's samples. */
     float samples = (float)(state->rays->samples * state->rays->samples);
     const BlurPlan *plan = state->plan;
-    const float *known =
-        plan->gathered[state->rays->tiles[blur->tile]] ? plan->blurred : plan->means;
+    int is_gathered = plan->gathered[state->rays->tiles[blur->tile]] != 0;
+    float *known =
+        (is_gathered ? plan->blurred : plan->means) + (size_t)blur->tile * 3 * BLOCK_RAYS;
     for (int i = 0; i < 3 * BLOCK_RAYS; i++)
-        sums.sum[i / BLOCK_RAYS][i % BLOCK_RAYS] =
-            samples * known[(size_t)blur->tile * 3 * BLOCK_RAYS + (size_t)i];
+        sums.sum[i / BLOCK_RAYS][i % BLOCK_RAYS] = samples * known[i];
     for (int unit = 0; unit < blur->order->units; unit++) {
         const Unit *one = &blur->units[unit];
         for (int pixel = 0; pixel < blur->order->pixels; pixel++) {
             count_visible(&state->measures->shadow, one->shadowed >> pixel & 1);
+            int at = blur->order->pixel[unit][pixel];
             float sharp[3];
             for (int channel = 0; one->is_wanted && channel < 3; channel++) {
                 sharp[channel] = sharp_mean(blur, unit, channel, pixel);
                 if (one->is_changed)
-                    sums.sum[channel][blur->order->pixel[unit][pixel]] =
-                        samples * one->mean[channel][pixel];
+                    sums.sum[channel][at] = samples * one->mean[channel][pixel];
+                /* For the pass that draws the gathered cells. */
+                if (one->is_changed && is_gathered)
+                    known[channel * BLOCK_RAYS + at] = one->mean[channel][pixel];
             }
             if (one->is_wanted)
                 note_change(state, &state->measures->blur, 1, get_lane(one->mean, pixel),

@@ -732,7 +732,7 @@ static int gather_cells(const FrameState *state, int tile, int cells,
         int is_gathered = cells >> cell_of_pixel(pixel) & 1;
         Vec3 after = get_lane((const float(*)[BLOCK_RAYS])means, pixel);
         if (is_gathered)
-            note_change(state, &state->measures->blur, 1, after, before);
+            note_change(state, &state->measures->gathered, 1, after, before);
         set_lane((float(*)[BLOCK_RAYS])blurred, pixel, is_gathered ? after : before);
     }
     write_radiance(state, tile, (const float(*)[BLOCK_RAYS])blurred);
@@ -799,6 +799,24 @@ void want_tiles(const FrameState *state) {
             plan->wanted[level][(number / columns >> level) * state->view->levels[level].columns +
                                 (number % columns >> level)] = 1;
     }
+}
+
+int reopen_gathered(const FrameState *state) {
+    BlurPlan *plan = state->plan;
+    struct Measures *measures = state->measures;
+    if (!is_counted(&measures->blur, &state->frame->limits) ||
+        !is_counted(&measures->gathered, &state->frame->limits)) {
+        add_measure(&measures->blur, &measures->gathered);
+        return 0;
+    }
+    memcpy(plan->masks, plan->gathered, count_tiles(state->view));
+    for (int level = 0; level < BEAM_LEVELS; level++) {
+        const BeamLevel *parts = &state->view->levels[level];
+        memset(plan->wanted[level], 0, (size_t)parts->rows * (size_t)parts->columns);
+    }
+    int closed = plan->num_tiles;
+    want_tiles(state);
+    return plan->num_tiles > closed;
 }
 
 int choose_instants(const FrameState *state) {

@@ -83,4 +83,8 @@ int choose_instants(const FrameState *state);
 void choose_cells(const FrameState *state, int tile);
 void want_tiles(const FrameState *state);
 
+/* After all instants: take the tiles with gathered cells, if nothing decides that motion is seen.
+ * Between samples light is gathered as a slope, which an edge passes in a jump: instants tell. */
+int reopen_gathered(const FrameState *state);
+
 #endif

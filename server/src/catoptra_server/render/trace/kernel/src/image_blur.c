@@ -262,6 +262,10 @@ static void blur_cell(const Pass *pass, const Cell *cell, const CellKernels *ker
     }
 }
 
+/* Largest change of a mean of pixels over that of one of these, in the dark: twin, with the proof,
+ * effects/__init__.py:COUNTED_LEVELS. */
+#define MEAN_CHANGE 1.3215f
+
 /* Note the change of a cell, or that it is to be found behind the stages that follow. */
 static void measure_or_defer(const Pass *pass, const Cell *cell, const CellValues *before,
                              const CellValues *after) {
@@ -276,10 +280,11 @@ static void measure_or_defer(const Pass *pass, const Cell *cell, const CellValue
     count_visible(own, atomic_load(&alone.num_visible));
     if (atomic_load(&alone.spills))
         atomic_store_explicit(&own->spills, 1, memory_order_relaxed);
-    if (read_largest(&alone) > stage->limits.max_change)
-        stage->deferred[cell->row * pass->cell_columns + cell->column] = read_largest(&alone);
+    float most = MEAN_CHANGE * read_largest(&alone);
+    if (most > stage->limits.max_change)
+        stage->deferred[cell->row * pass->cell_columns + cell->column] = most;
     else
-        raise_largest(own, read_largest(&alone));
+        raise_largest(own, most);
 }
 
 void blur(const Pass *pass, const Cell *cell, CellValues *to) {

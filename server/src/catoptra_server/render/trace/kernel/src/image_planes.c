@@ -69,7 +69,7 @@ void keep_mosaic(CellValues *values) {
 }
 
 /* Luminance of each row of cells, in float64 and in one order for any number of threads. */
-static void sum_luminance(const Pass *pass, const Cell *cell, const CellValues *values) {
+void sum_luminance(const Pass *pass, const Cell *cell, const CellValues *values, int number) {
     static const double weights[3] = {0.2126, 0.7152, 0.0722};
     Doubles16 sums = {0};
     for (int channel = 0; channel < 3; channel++)
@@ -78,10 +78,9 @@ static void sum_luminance(const Pass *pass, const Cell *cell, const CellValues *
             light = select16(columns_below(cell->columns), light, splat16(0.0f));
             sums += weights[channel] * __builtin_convertvector(light, Doubles16);
         }
-    double sum = pass->row_sums[cell->row];
+    double *sum = pass->row_sums + number * pass->cell_rows + cell->row;
     for (int x = 0; x < CELL_COLUMNS; x++)
-        sum += sums[x];
-    pass->row_sums[cell->row] = sum;
+        *sum += sums[x];
 }
 
 static CellRange find_range(const CellValues *values, const Cell *cell) {
@@ -159,7 +158,7 @@ static void store_picture(const Pass *pass, const Cell *cell, const CellValues *
 
 void store_cell(const Pass *pass, const Cell *cell, const CellValues *values) {
     if (pass->sums_luminance)
-        sum_luminance(pass, cell, values);
+        sum_luminance(pass, cell, values, 0);
     if (pass->target == TO_PLANES)
         store_planes(pass, cell, values);
     else if (pass->target == TO_MOSAIC)

@@ -45,6 +45,7 @@ typedef struct {
  * `spilt` are those of pixels beside, by what the stage changes above the well. */
 typedef struct {
     ChangeMeasure own, other, spilt;
+    float mean_luminance; /* of the picture without a factor, before an automatic gain */
 } Changes;
 
 typedef enum { TO_NOTHING, TO_PLANES, TO_MOSAIC, TO_PICTURE } Target;
@@ -61,7 +62,7 @@ typedef struct Pass {
     Planes from, to, mosaic;
     int cell_rows, cell_columns;
     CellRange *ranges, *next_ranges; /* (cell_rows, cell_columns) of `from` and `to` */
-    double *row_sums; /* (cell_rows,) luminance */
+    double *row_sums; /* (1 + stages, cell_rows) luminance, with all stages and without each factor */
     float mean_luminance;
     float *means, *scattered; /* (3, rows, columns) of a glare's cells */
     float *lines;             /* (3, rows, width) scattered light between them */
@@ -106,6 +107,9 @@ CellRange find_range_around(const Pass *pass, const Cell *cell, int reach);
 
 /* The cell as it is before the pass. */
 void load_cell(const Pass *pass, const Cell *cell, CellValues *values);
+
+/* Add the luminance of a cell to one of its row's sums. */
+void sum_luminance(const Pass *pass, const Cell *cell, const CellValues *values, int number);
 
 /* Put a developed cell where the next pass, or the caller, reads it. */
 void store_cell(const Pass *pass, const Cell *cell, const CellValues *values);

@@ -40,21 +40,29 @@ static Floats16 map_of(const Pass *pass, const ImageStage *stage, int map, const
     return load_map(stage->maps[map], place_in_map(pass, cell, row), cell->columns);
 }
 
+static Floats16 gains_of(const Pass *pass, const ImageStage *stage, const Cell *cell,
+                         const CellValues *cells, int plane, int row) {
+    return stage->maps[0] ? map_of(pass, stage, 0, cell, row)
+                          : numbers_of(stage, colours_of(cells, plane, row));
+}
+
 static void change_gain(const Pass *pass, const ImageStage *stage, const Cell *cell,
                         CellValues *cells) {
     EACH_ROW(cells, cell) {
         float *values = cells->values[plane][row];
-        Floats16 gains = stage->maps[0] ? map_of(pass, stage, 0, cell, row)
-                                        : numbers_of(stage, colours_of(cells, plane, row));
-        store16(load16(values) * gains, values);
+        store16(load16(values) * gains_of(pass, stage, cell, cells, plane, row), values);
     }
+}
+
+float find_auto_gain(const ImageStage *stage, float mean_luminance) {
+    const float *numbers = stage->numbers;
+    float gain = mean_luminance > 0.0f ? numbers[0] / mean_luminance : numbers[2];
+    return gain > numbers[1] ? gain < numbers[2] ? gain : numbers[2] : numbers[1];
 }
 
 static void change_auto_gain(const Pass *pass, const ImageStage *stage, const Cell *cell,
                              CellValues *cells) {
-    const float *numbers = stage->numbers;
-    float gain = pass->mean_luminance > 0.0f ? numbers[0] / pass->mean_luminance : numbers[2];
-    gain = gain > numbers[1] ? gain < numbers[2] ? gain : numbers[2] : numbers[1];
+    float gain = find_auto_gain(stage, pass->mean_luminance);
     EACH_ROW(cells, cell) {
         float *values = cells->values[plane][row];
         store16(load16(values) * gain, values);
@@ -239,6 +247,57 @@ static ChangeCell *const CHANGES[] = {
     [STAGE_GLARE] = add_glare,
 };
 
+/* A cell times a number, without an earlier factor of its light, or with all. */
+static void scale_cell(const Pass *pass, const ImageStage *left_out, const Cell *cell,
+                       const CellValues *from, float factor, CellValues *to) {
+    to->planes = from->planes;
+    EACH_ROW(from, cell) {
+        Floats16 light = factor * load16(from->values[plane][row]);
+        if (left_out) {
+            Floats16 gains = gains_of(pass, left_out, cell, from, plane, row);
+            light = select16(gains > 0.0f, light / gains, light);
+        }
+        store16(light, to->values[plane][row]);
+    }
+}
+
+const ImageStage *find_exposure(const ImageJob *job, const ImageStage *stage) {
+    const ImageStage *end = job->stages + job->num_stages, *next = stage + 1;
+    if (stage->kind != STAGE_GAIN)
+        return stage;
+    while (next < end && next->kind != STAGE_AUTO_GAIN)
+        next++;
+    return next < end ? next : stage;
+}
+
+/* Visit the measured factors whose changes an automatic gain decides. */
+#define EACH_FACTOR(pass, automatic)                                                               \
+    for (const ImageStage *one = (pass)->job->stages; one < (automatic); one++)                    \
+        if (is_measured(pass, one) && find_exposure((pass)->job, one) == (automatic))
+
+void sum_without_factors(const Pass *pass, const Cell *cell, const CellValues *values) {
+    CellValues without;
+    EACH_FACTOR(pass, pass->points + pass->num_points) {
+        scale_cell(pass, one, cell, values, 1.0f, &without);
+        sum_luminance(pass, cell, &without, 1 + (int)(one - pass->job->stages));
+    }
+}
+
+/* Measure by the exposure with each factor and by that without. */
+static void measure_factors(const Pass *pass, const ImageStage *automatic, const Cell *cell,
+                            const CellValues *values) {
+    CellValues with, without;
+    scale_cell(pass, NULL, cell, values, find_auto_gain(automatic, pass->mean_luminance), &with);
+    EACH_FACTOR(pass, automatic) {
+        Changes *changes = changes_of(pass, one);
+        ImageStage behind = *automatic;
+        behind.limits = one->limits;
+        scale_cell(pass, one, cell, values, find_auto_gain(automatic, changes->mean_luminance),
+                   &without);
+        measure_change(&behind, &changes->own, &without, &with, cell);
+    }
+}
+
 static int is_dark(const CellValues *cells, const Cell *cell) {
     Ints16 is_light = {0};
     for (int plane = 0; plane < cells->planes; plane++)
@@ -252,9 +311,11 @@ void change_points(const Pass *pass, const Cell *cell, CellValues *values) {
     for (const ImageStage *stage = pass->points; stage < pass->points + pass->num_points; stage++) {
         /* Nothing multiplies black: most of it lies beside the mirror. */
         int keeps_black = stage->kind <= STAGE_RESPONSE || stage->kind == STAGE_SHOT_NOISE;
-        int measures = is_measured(pass, stage);
+        int measures = is_measured(pass, stage) && find_exposure(pass->job, stage) == stage;
         if ((keeps_black && is_dark(values, cell)) || stage->kind == STAGE_BLOOM)
             continue; /* in a pass, an overflow is one of no light */
+        if (stage->kind == STAGE_AUTO_GAIN && pass->changes)
+            measure_factors(pass, stage, cell, values);
         if (measures)
             memcpy(before.values, values->values, sizeof before.values[0] * (size_t)values->planes);
         CHANGES[stage->kind](pass, stage, cell, values);

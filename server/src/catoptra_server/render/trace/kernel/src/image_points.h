@@ -7,4 +7,14 @@
 /* Change a cell by the stages of a pass, one after the other, while it is in the nearest cache. */
 void change_points(const Pass *pass, const Cell *cell, CellValues *values);
 
+/* Factor of light whose mean luminance over all pixels is known. */
+float find_auto_gain(const ImageStage *stage, float mean_luminance);
+
+/* Where what a stage changes is measured: of a factor behind the automatic gain that follows, which
+ * takes back what the whole picture has in common; of others where they act. */
+const ImageStage *find_exposure(const ImageJob *job, const ImageStage *stage);
+
+/* Sum the luminance before an automatic gain that a cell would have without each factor. */
+void sum_without_factors(const Pass *pass, const Cell *cell, const CellValues *values);
+
 #endif

@@ -13,6 +13,7 @@
 
 struct Measures {
     ChangeMeasure shadow, fog, gloss, light, blur;
+    ChangeMeasure gathered;   /* by motion where the sharp frame's samples tell */
     ChangeMeasure bright;     /* by baked light where it is beyond white */
     ChangeMeasure spilt;      /* over black pixels, by baked light above the well */
     ChangeMeasure watched;    /* against frames without the watched object */

@@ -59,6 +59,13 @@ static inline void count_visible(ChangeMeasure *measure, int pixels) {
         atomic_fetch_add_explicit(&measure->num_visible, pixels, memory_order_relaxed);
 }
 
+static inline void add_measure(ChangeMeasure *to, const ChangeMeasure *from) {
+    raise_largest(to, read_largest(from));
+    count_visible(to, atomic_load(&from->num_visible));
+    if (atomic_load(&from->spills))
+        atomic_store_explicit(&to->spills, 1, memory_order_relaxed);
+}
+
 /* The result for a picture of some pixels: all of them where counting ended. */
 static inline PixelChange conclude_change(const ChangeMeasure *measure, const ChangeLimits *limits,
                                           int pixels) {

@@ -267,6 +267,8 @@ static int blur_frame(Device *device, Job *job, FrameCounts *counts) {
         want_tiles(job->state);
     }
     is_done = is_done && (!plan->num_tiles || run_pass(device, job, job->state->frame->exposure));
+    if (is_done && reopen_gathered(job->state))
+        is_done = run_pass(device, job, job->state->frame->exposure);
     counts->num_blurred_tiles = plan->num_tiles;
     counts->num_instants = plan->max_instants;
     counts->num_blur_rays = atomic_load(&job->num_rays);
