@@ -58,9 +58,11 @@ void load_cell(const Pass *pass, const Cell *cell, CellValues *values) {
         return;
     }
     for (int channel = 0; channel < 3; channel++)
-        for (int row = 0; row < cell->rows; row++)
-            store16(load16(row_at(&pass->from, channel, cell->top + row) + cell->left),
-                    values->values[channel][row]);
+        for (int row = 0; row < cell->rows; row++) {
+            const float *light = row_at(&pass->from, channel, cell->top + row) + cell->left;
+            __builtin_prefetch(light + 2 * CELL_COLUMNS);
+            store16(load16(light), values->values[channel][row]);
+        }
 }
 
 void keep_mosaic(CellValues *values) {
@@ -120,6 +122,7 @@ static void store_planes(const Pass *pass, const Cell *cell, const CellValues *v
     for (int channel = 0; channel < 3 && !(was_black && range->is_black); channel++)
         for (int row = 0; row < cell->rows; row++) {
             float *to = row_at(&pass->to, channel, cell->top + row);
+            __builtin_prefetch(to + cell->left + 2 * CELL_COLUMNS, 1);
             store16(load16(values->values[channel][row]), to + cell->left);
             fill_sides(&pass->to, cell, to);
         }

@@ -95,6 +95,7 @@ static inline size_t place_in_map(const Pass *pass, const Cell *cell, int row) {
 /* Sixteen values of a map's row, of which `count` are in the image; the others repeat the first. */
 static inline Floats16 load_map(const void *map, size_t first, int count) {
     const float *values = (const float *)map + first;
+    __builtin_prefetch(values + 2 * CELL_COLUMNS);
     if (count == CELL_COLUMNS)
         return load16(values);
     Floats16 loaded = splat16(values[0]);
