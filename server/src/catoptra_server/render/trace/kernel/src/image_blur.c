@@ -245,9 +245,10 @@ static void blur_cell(const Pass *pass, const Cell *cell, const CellKernels *ker
         if (others)
             rows[1] = others->row[row];
         for (int i = 0; i < 4; i++) {
-            if (i < 3)
+            if (i < 3) {
                 sources[i].light = row_at(&pass->from, i, cell->top + row) + cell->left;
-            __builtin_prefetch(sources[i].light + 2 * CELL_COLUMNS);
+                FETCH_AHEAD(sources[i].light, 0);
+            }
             if (masked)
                 sources[i].mask = mask_at(pass, cell->top + row, cell->left);
             sources[i].stride = (ptrdiff_t)pass->from.stride;

@@ -27,6 +27,8 @@ static void load_light(const Pass *pass, const Cell *cell, CellValues *values) {
     for (int row = 0; row < cell->rows; row++) {
         const float *light = pass->job->light + 3 * place_in_map(pass, cell, row);
         float part[3 * CELL_COLUMNS] = {0};
+        for (int x = 0; x < 3 * CELL_COLUMNS; x += CELL_COLUMNS)
+            FETCH_AHEAD(light + 4 * CELL_COLUMNS + x, 0);
         if (cell->columns < CELL_COLUMNS)
             light = memcpy(part, light, sizeof(float) * 3 * (size_t)cell->columns);
         Floats16 a = load16(light), b = load16(light + 16), c = load16(light + 32);
@@ -60,7 +62,7 @@ void load_cell(const Pass *pass, const Cell *cell, CellValues *values) {
     for (int channel = 0; channel < 3; channel++)
         for (int row = 0; row < cell->rows; row++) {
             const float *light = row_at(&pass->from, channel, cell->top + row) + cell->left;
-            __builtin_prefetch(light + 2 * CELL_COLUMNS);
+            FETCH_AHEAD(light, 0);
             store16(load16(light), values->values[channel][row]);
         }
 }
@@ -122,7 +124,7 @@ static void store_planes(const Pass *pass, const Cell *cell, const CellValues *v
     for (int channel = 0; channel < 3 && !(was_black && range->is_black); channel++)
         for (int row = 0; row < cell->rows; row++) {
             float *to = row_at(&pass->to, channel, cell->top + row);
-            __builtin_prefetch(to + cell->left + 2 * CELL_COLUMNS, 1);
+            FETCH_AHEAD(to + cell->left, 1);
             store16(load16(values->values[channel][row]), to + cell->left);
             fill_sides(&pass->to, cell, to);
         }
@@ -134,6 +136,7 @@ static void store_mosaic(const Pass *pass, const Cell *cell, const CellValues *v
     int last = pass->mosaic.width - 1;
     for (int row = 0; row < cell->rows; row++) {
         float *to = row_at(&pass->mosaic, 0, cell->top + row);
+        FETCH_AHEAD(to + cell->left, 1);
         store16(least16(load16(values->values[0][row]), splat16(1.0f)), to + cell->left);
         if (cell->left == 0)
             to[-1] = to[last > 0];
@@ -151,6 +154,7 @@ static Ints16 levels_of(Floats16 linear) {
 static void store_rgb(const uint8_t *table, const CellValues *values, int row, int columns,
                       uint8_t *rgb) {
     int32_t levels[3][CELL_COLUMNS];
+    FETCH_AHEAD(rgb + 4 * CELL_COLUMNS, 1);
     for (int channel = 0; channel < 3; channel++)
         store_ints16(levels_of(load16(values->values[channel][row])), levels[channel]);
     for (int x = 0; x < columns; x++)

@@ -92,10 +92,14 @@ static inline size_t place_in_map(const Pass *pass, const Cell *cell, int row) {
     return (size_t)(cell->top + row) * (size_t)pass->job->width + (size_t)cell->left;
 }
 
+/* Fetch what the cell after the next one reads of a row, or writes: rows are far apart in memory,
+ * too many for the processor to foresee. */
+#define FETCH_AHEAD(row, is_written) __builtin_prefetch((row) + 2 * CELL_COLUMNS, is_written)
+
 /* Sixteen values of a map's row, of which `count` are in the image; the others repeat the first. */
 static inline Floats16 load_map(const void *map, size_t first, int count) {
     const float *values = (const float *)map + first;
-    __builtin_prefetch(values + 2 * CELL_COLUMNS);
+    FETCH_AHEAD(values, 0);
     if (count == CELL_COLUMNS)
         return load16(values);
     Floats16 loaded = splat16(values[0]);

@@ -42,7 +42,7 @@ static inline void read_at_offsets(const Planes *planes, int first, int count, i
         for (int channel = 0; channel < count; channel++) {
             const float *above = clamped_row(planes, first + channel, y + dy);
             const float *below = clamped_row(planes, first + channel, y + dy + 1);
-            __builtin_prefetch(below + left + 2 * CELL_COLUMNS);
+            FETCH_AHEAD(below + left, 0);
             Floats16 upper = mix(load_beside(planes, above, left + dx),
                                  load_beside(planes, above, left + dx + 1), offsets->part_x);
             Floats16 lower = mix(load_beside(planes, below, left + dx),
@@ -224,6 +224,7 @@ void demosaic(const Pass *pass, const Cell *cell, CellValues *to) {
         const float *above = mirrored_row(&pass->mosaic, y - 1) + cell->left;
         const float *at = row_at(&pass->mosaic, 0, y) + cell->left;
         const float *below = mirrored_row(&pass->mosaic, y + 1) + cell->left;
+        FETCH_AHEAD(below, 0);
         Floats16 own = load16(at), horizontal = 0.5f * (load16(at - 1) + load16(at + 1));
         Floats16 vertical = 0.5f * (load16(above) + load16(below));
         Floats16 diagonal =
