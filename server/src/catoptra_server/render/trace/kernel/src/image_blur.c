@@ -81,6 +81,31 @@ static void find_reach(const ImageStage *stage, float row, CellKernels *kernels)
     kernels->exchange = 1.0f - table[(size_t)last * (size_t)pairs];
 }
 
+/* Bound of the light from others by which kernels of the table differ in any pixel of a cell: as far
+ * as rows are apart, times the largest step between two of them. */
+static float bound_difference(const ImageStage *stage, const Cell *cell, const CellKernels *one,
+                              const CellKernels *other) {
+    Floats16 low = splat16((float)(stage->num_rows - 1)), high = {0}, apart = {0}, last = low;
+    for (int row = 0; row < cell->rows; row++) {
+        Floats16 a = least16(one->row[row], last), b = least16(other->row[row], last);
+        low = least16(least16(a, b), low);
+        high = most16(most16(a, b), high);
+        apart = most16(absolute16(a - b), apart);
+    }
+    float largest = 0.0f;
+    int pairs = pair_count(stage->size), end = (int)ceilf(most_of16(high));
+    for (int row = (int)least_of16(low); row < end; row++) {
+        const float *weights = (const float *)stage->maps[0] + row * pairs;
+        float step = 0.0f;
+        for (int i = 1, pair = 1; i <= stage->size; i++)
+            for (int j = 0; j <= i; j++, pair++)
+                step += (float)(j == 0 || j == i ? 4 : 8) *
+                        fabsf(weights[pairs + pair] - weights[pair]);
+        largest = fmaxf(largest, step);
+    }
+    return most_of16(apart) * largest;
+}
+
 static void find_colour_reach(const ImageStage *stage, CellKernels *kernels) {
     int pairs = pair_count(stage->size);
     const float *weights = stage->maps[0];
@@ -319,8 +344,14 @@ void blur(const Pass *pass, const Cell *cell, CellValues *to) {
      * stands for. The change against the image before is the other one. */
     CellValues values;
     Changes *changes = changes_of(pass, stage);
-    blur_cell(pass, cell, &kernels, &far, reach, to, &values);
-    if (may_tell(stage, &changes->own, bound))
+    float own = bound;
+    if (bound < INFINITY) {
+        float light = bound_difference(stage, cell, &kernels, &far) * (range.high - range.low);
+        own = fminf(bound, bound_change(stage, (LightChange){range.low, range.high, light}));
+    }
+    int may_differ = may_tell(stage, &changes->own, own);
+    blur_cell(pass, cell, &kernels, may_differ ? &far : NULL, reach, to, &values);
+    if (may_differ)
         measure_or_defer(pass, cell, &values, to);
     if (!may_tell(stage, &changes->other, bound))
         return;
