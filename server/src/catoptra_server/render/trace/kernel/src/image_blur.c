@@ -7,9 +7,10 @@
  * that are i and j away along the axes share it. maps[0] has the weights: (3, pairs) where num_rows
  * is 0, else (num_rows, pairs), of which each pixel takes the linear mixture of two rows.
  * maps[1] is the row of each pixel, (h, w); or, with ranges in maps[3], the circle of confusion
- * (4, h, w) from which the row follows (circle_of_confusion). maps[2] is the mask, uint8, of pixels
- * that take part: weights of others go to the central pixel; NULL: all take part. Its edges are
- * repeated, size times to each side and 16 more at the right.
+ * (4, h, w) from which the row follows (circle_of_confusion); numbers[0] is the light that kernels
+ * of neighbouring rows exchange at most. maps[2] is the mask, uint8, of pixels that take part:
+ * weights of others go to the central pixel; NULL: all take part. Its edges are repeated, size
+ * times to each side and 16 more at the right.
  */
 #include "image_spread.h"
 
@@ -81,29 +82,14 @@ static void find_reach(const ImageStage *stage, float row, CellKernels *kernels)
     kernels->exchange = 1.0f - table[(size_t)last * (size_t)pairs];
 }
 
-/* Bound of the light from others by which kernels of the table differ in any pixel of a cell: as far
- * as rows are apart, times the largest step between two of them. */
+/* Bound of the light from others by which kernels of the table differ in any pixel of a cell. */
 static float bound_difference(const ImageStage *stage, const Cell *cell, const CellKernels *one,
                               const CellKernels *other) {
-    Floats16 low = splat16((float)(stage->num_rows - 1)), high = {0}, apart = {0}, last = low;
-    for (int row = 0; row < cell->rows; row++) {
-        Floats16 a = least16(one->row[row], last), b = least16(other->row[row], last);
-        low = least16(least16(a, b), low);
-        high = most16(most16(a, b), high);
-        apart = most16(absolute16(a - b), apart);
-    }
-    float largest = 0.0f;
-    int pairs = pair_count(stage->size), end = (int)ceilf(most_of16(high));
-    for (int row = (int)least_of16(low); row < end; row++) {
-        const float *weights = (const float *)stage->maps[0] + row * pairs;
-        float step = 0.0f;
-        for (int i = 1, pair = 1; i <= stage->size; i++)
-            for (int j = 0; j <= i; j++, pair++)
-                step += (float)(j == 0 || j == i ? 4 : 8) *
-                        fabsf(weights[pairs + pair] - weights[pair]);
-        largest = fmaxf(largest, step);
-    }
-    return most_of16(apart) * largest;
+    Floats16 last = splat16((float)(stage->num_rows - 1)), apart = {0};
+    for (int row = 0; row < cell->rows; row++)
+        apart = most16(absolute16(least16(one->row[row], last) - least16(other->row[row], last)),
+                       apart);
+    return stage->numbers[0] * most_of16(apart);
 }
 
 static void find_colour_reach(const ImageStage *stage, CellKernels *kernels) {
