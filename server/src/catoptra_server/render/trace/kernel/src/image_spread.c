@@ -126,12 +126,11 @@ void magnify(const Pass *pass, const Cell *cell, CellValues *to) {
 static void spread_charge(const Pass *pass, const Cell *cell, int y, Floats16 charge,
                           Floats16 received[CELL_ROWS]) {
     int reach = pass->stage->size;
-    Floats16 overflow = pass->stage->numbers[0] * charge;
+    Floats16 least = pass->stage->numbers[0] / ((float)reach * (float)(reach + 1)) * charge;
     for (int row = 0; row < cell->rows; row++) {
         int k = cell->top + row < y ? y - cell->top - row : cell->top + row - y;
         if (k > 0 && k <= reach)
-            received[row] += (float)(reach + 1 - k) / ((float)reach * (float)(reach + 1)) *
-                             overflow;
+            received[row] += (float)(reach + 1 - k) * least;
     }
 }
 
