@@ -264,13 +264,15 @@ float find_incidence(const FrameState *state, const Light *light, int32_t triang
     return light->lights_scene ? dot(normal, towards) : 0.0f;
 }
 
-LightProof prove_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4]) {
+LightProof prove_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4],
+                        uint32_t others) {
     const LightMaps *maps = state->scene->light_maps;
     LightProof proof = {0, 0};
     int count = maps ? state->scene->num_lights : 0;
     for (int light = 0; light < count && light < 32; light++) {
         /* What is turned away from a light is dark without a proof. */
-        if (!(find_incidence(state, &state->scene->lights[light], triangle) > 0.0f))
+        if (others >> light & 1 ||
+            !(find_incidence(state, &state->scene->lights[light], triangle) > 0.0f))
             continue;
         int found = find_in_quad(state, light, state->scene->surfaces.surface[triangle], corners);
         proof.seen |= (uint32_t)(found == LIGHT_SEEN) << light;

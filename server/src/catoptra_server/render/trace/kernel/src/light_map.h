@@ -53,7 +53,9 @@ Uncertainty find_light(const FrameState *state, int light, const HitBlock *hits,
  * zero if the light shines on the facet. */
 float find_incidence(const FrameState *state, const Light *light, int32_t triangle);
 
-/* What is known of the lights that shine on the part of a static facet between four points. */
-LightProof prove_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4]);
+/* What is known of the lights, but for those of a mask, that shine on the part of a static facet
+ * between four points. */
+LightProof prove_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4],
+                        uint32_t others);
 
 #endif
