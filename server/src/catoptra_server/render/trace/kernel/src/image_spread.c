@@ -126,6 +126,8 @@ void magnify(const Pass *pass, const Cell *cell, CellValues *to) {
 static void spread_charge(const Pass *pass, const Cell *cell, int y, Floats16 charge,
                           Floats16 received[CELL_ROWS]) {
     int reach = pass->stage->size;
+    if (!bits16(charge != 0.0f))
+        return;
     Floats16 least = pass->stage->numbers[0] / ((float)reach * (float)(reach + 1)) * charge;
     for (int row = 0; row < cell->rows; row++) {
         int k = cell->top + row < y ? y - cell->top - row : cell->top + row - y;
@@ -195,9 +197,8 @@ void bloom(const Pass *pass, const Cell *cell, CellValues *to) {
         overflows |= is_full;
         for (int channel = 0; channel < 3 && is_full; channel++) {
             Floats16 light = load16(row_at(&pass->from, channel, y) + cell->left);
-            Floats16 excess = select16(light > 1.0f, light - 1.0f, splat16(0.0f));
-            if (bits16(light > 1.0f))
-                spread_charge(pass, cell, y, excess, overflow[channel]);
+            spread_charge(pass, cell, y, select16(light > 1.0f, light - 1.0f, splat16(0.0f)),
+                          overflow[channel]);
         }
     }
     measure_spills(pass, cell, first, last, to, overflow);
