@@ -32,25 +32,24 @@ static Offsets split_offsets(Floats16 x, Floats16 y) {
                      __builtin_convertvector(whole_y, Ints16), x - whole_x, y - whole_y};
 }
 
-/* Pixels of some colours read at offsets, bilinear. Neighbours mostly have one whole offset: a
- * round each. */
-static inline void read_at_offsets(const Planes *planes, int first, int count, int y, int left,
-                                   const Offsets *offsets, Floats16 *read) {
+/* Pixels read at offsets, bilinear. Neighbours mostly have one whole offset: a round each. */
+static Floats16 read_at_offsets(const Planes *planes, int channel, int y, int left,
+                                const Offsets *offsets) {
+    Floats16 read = {0};
     for (uint32_t rest = 0xffffu; rest;) {
         int lane = __builtin_ctz(rest), dx = offsets->whole_x[lane], dy = offsets->whole_y[lane];
         Ints16 same = (offsets->whole_x == dx) & (offsets->whole_y == dy);
-        for (int channel = 0; channel < count; channel++) {
-            const float *above = clamped_row(planes, first + channel, y + dy);
-            const float *below = clamped_row(planes, first + channel, y + dy + 1);
-            FETCH_AHEAD(below + left, 0);
-            Floats16 upper = mix(load_beside(planes, above, left + dx),
-                                 load_beside(planes, above, left + dx + 1), offsets->part_x);
-            Floats16 lower = mix(load_beside(planes, below, left + dx),
-                                 load_beside(planes, below, left + dx + 1), offsets->part_x);
-            read[channel] = select16(same, mix(upper, lower, offsets->part_y), read[channel]);
-        }
+        const float *above = clamped_row(planes, channel, y + dy);
+        const float *below = clamped_row(planes, channel, y + dy + 1);
+        FETCH_AHEAD(below + left, 0);
+        Floats16 upper = mix(load_beside(planes, above, left + dx),
+                             load_beside(planes, above, left + dx + 1), offsets->part_x);
+        Floats16 lower = mix(load_beside(planes, below, left + dx),
+                             load_beside(planes, below, left + dx + 1), offsets->part_x);
+        read = select16(same, mix(upper, lower, offsets->part_y), read);
         rest &= ~bits16(same);
     }
+    return read;
 }
 
 static float largest_offset(Floats16 x, Floats16 y) {
@@ -86,11 +85,12 @@ void warp(const Pass *pass, const Cell *cell, CellValues *to) {
     }
     for (int row = 0; row < cell->rows; row++) {
         Offsets offsets = split_offsets(x[row], y[row]);
-        Floats16 light[3] = {{0}};
-        read_at_offsets(&pass->from, 0, 3, cell->top + row, cell->left, &offsets, light);
-        for (int channel = 0; channel < 3; channel++)
-            store16(kept[row] * select16(kept[row] != 0.0f, light[channel], splat16(0.0f)),
-                    to->values[channel][row]);
+        for (int channel = 0; channel < 3; channel++) {
+            Floats16 light =
+                read_at_offsets(&pass->from, channel, cell->top + row, cell->left, &offsets);
+            light = select16(kept[row] != 0.0f, light, splat16(0.0f));
+            store16(kept[row] * light, to->values[channel][row]);
+        }
     }
     measure_cell(pass, cell, bound, to);
 }
@@ -114,10 +114,8 @@ void magnify(const Pass *pass, const Cell *cell, CellValues *to) {
         for (size_t i = 0; i < 2; i++) {
             float dy = rows[i * height + (size_t)(cell->top + row)];
             Offsets offsets = split_offsets(columns[i], splat16(dy));
-            Floats16 light = {0};
-            read_at_offsets(&pass->from, 2 * (int)i, 1, cell->top + row, cell->left, &offsets,
-                            &light);
-            store16(light, to->values[2 * i][row]);
+            store16(read_at_offsets(&pass->from, 2 * (int)i, cell->top + row, cell->left, &offsets),
+                    to->values[2 * i][row]);
         }
     measure_cell(pass, cell, bound, to);
 }
