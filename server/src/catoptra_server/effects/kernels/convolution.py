@@ -185,6 +185,11 @@ class DiscKernelTable:
         between = interpolate_linear(rows, np.arange(float(len(exchanges))), exchanges)
         return min(1.0, abs(float(between[1] - between[0])))
 
+    @property
+    def max_step(self) -> float:
+        """Largest such fraction between neighbouring rows."""
+        return float(np.diff(_summed_exchanges(self)).max())
+
 
 def table_row(diameter_px: Floats) -> Floats:
     """Fractional row of the kernel of a disc."""

@@ -352,7 +352,9 @@ def _make_disc_blur(
 ) -> _StageWithMaps:
     weights, size = float32_weights(table), table.half_width_px
     interior = _interior(camera, size)
-    return _make(_BLUR, weights, discs, interior, *by_range, size=size, num_rows=len(weights))
+    stage = _make(_BLUR, weights, discs, interior, *by_range, size=size, num_rows=len(weights))
+    stage.struct.numbers[0] = table.max_step
+    return stage
 
 
 def _make_diffraction(effect: Diffraction, exposed: ExposedImage) -> _StageWithMaps:

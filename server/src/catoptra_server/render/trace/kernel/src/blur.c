@@ -364,7 +364,7 @@ static int light_plane(const FrameState *state, int tile, TileContent *content) 
     if (!enclose_moving_plane(state, tile, triangle, corners))
         return 0;
     if (state->frame->has_shadows)
-        content->proof = prove_lights(state, triangle, corners);
+        content->proof = prove_lights(state, triangle, corners, 0);
     content->is_open = content->is_open || !has_occlusion(scene, triangle) ||
                        find_sky_view(scene, triangle, corners) == SKY_OPEN;
     int is_plain = content->is_open && content->object == OBJECT_NONE && !has_fog(state) &&

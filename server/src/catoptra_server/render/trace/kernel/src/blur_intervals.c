@@ -165,7 +165,7 @@ static void light_triangle(int tile, MovingScene *scene, MovingTriangle *moving)
         Box box = enclose_visible(state, tile, triangle);
         find_plane_corners(state, &box, triangle, corners);
         if (is_unlit)
-            proof = prove_lights(state, triangle, corners);
+            proof = prove_lights(state, triangle, corners, 0);
         if (is_occluded)
             moving->is_occluded = find_sky_view(state->scene, triangle, corners) != SKY_OPEN;
     }

@@ -103,6 +103,7 @@ static void turn_rays(const FrameState *state, const float *from, RayBlock *rays
     const Pose *pose = &state->camera;
     const float *r = pose->rotation;
     Floats16 x = load16(from), y = load16(from + BLOCK_RAYS), z = load16(from + 2 * BLOCK_RAYS);
+    fetch_next_tile(state, from);
     for (int axis = 0; axis < 3; axis++) {
         store16(r[3 * axis] * x + r[3 * axis + 1] * y + r[3 * axis + 2] * z, rays->direction[axis]);
         store16(splat16(pose->translation[axis]), rays->origin[axis]);

@@ -10,6 +10,13 @@ typedef struct {
     Vec3 step[2];
 } RaySteps;
 
+/* Fetch ahead, for a block of rays, the same one of the tile that mostly follows. */
+static inline void fetch_next_tile(const FrameState *state, const float *directions) {
+    for (int axis = 0; axis < 3; axis++)
+        __builtin_prefetch(directions + (3 * state->rays->samples * state->rays->samples + axis) *
+                                            BLOCK_RAYS);
+}
+
 RaySteps find_ray_steps(const FrameState *state, const RayBlock *rays);
 
 /* Rays of a block of the table, without limits, in the frame's coordinates. */

@@ -58,6 +58,7 @@ struct Search {
     int finest_proven; /* level below which tracing costs less than a proof */
     int num_filled;
     int64_t *blur_rays; /* NULL while the sharp frame is drawn */
+    int32_t blockers[MAX_SHAFTS];
 };
 
 int can_prove_coverage(const FrameState *state) {
@@ -477,19 +478,21 @@ static int is_dim(const Search *search, const Part *part) {
 }
 
 /* What is known of the lights and of the sky on the part of a known plane that a beam sees. */
-static void prove_light(const Search *search, const BeamSides *sides, Part *part) {
+static void prove_light(Search *search, const BeamSides *sides, Part *part) {
     const FrameState *state = search->state;
     int32_t triangle = part->content.triangle;
     Vec3 corners[4];
     find_quad(state, sides, triangle, corners);
     if (is_unlit(search, part)) {
-        LightProof proof = prove_lights(state, triangle, corners);
+        uint32_t known = part->content.proof.seen | part->content.proof.hidden;
+        LightProof proof = prove_lights(state, triangle, corners, known);
         part->content.proof.hidden |= proof.hidden;
         part->content.proof.seen |= proof.seen;
         /* The plan of a moving frame chooses its tiles by what maps prove. */
         if (!state->plan)
-            part->content.proof.seen |= find_free_lights(
-                state, triangle, corners, part->content.proof.seen | part->content.proof.hidden);
+            part->content.proof.seen |=
+                find_free_lights(state, triangle, corners, known | proof.seen | proof.hidden,
+                                 search->blockers);
     }
     if (may_be_open(search, part)) {
         SkyView view = find_sky_view(state->scene, triangle, corners);

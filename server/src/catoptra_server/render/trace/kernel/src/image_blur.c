@@ -7,9 +7,10 @@
  * that are i and j away along the axes share it. maps[0] has the weights: (3, pairs) where num_rows
  * is 0, else (num_rows, pairs), of which each pixel takes the linear mixture of two rows.
  * maps[1] is the row of each pixel, (h, w); or, with ranges in maps[3], the circle of confusion
- * (4, h, w) from which the row follows (circle_of_confusion). maps[2] is the mask, uint8, of pixels
- * that take part: weights of others go to the central pixel; NULL: all take part. Its edges are
- * repeated, size times to each side and 16 more at the right.
+ * (4, h, w) from which the row follows (circle_of_confusion); numbers[0] is the light that kernels
+ * of neighbouring rows exchange at most. maps[2] is the mask, uint8, of pixels that take part:
+ * weights of others go to the central pixel; NULL: all take part. Its edges are repeated, size
+ * times to each side and 16 more at the right.
  */
 #include "image_spread.h"
 
@@ -79,6 +80,16 @@ static void find_reach(const ImageStage *stage, float row, CellKernels *kernels)
     }
     kernels->reach = reach;
     kernels->exchange = 1.0f - table[(size_t)last * (size_t)pairs];
+}
+
+/* Bound of the light from others by which kernels of the table differ in any pixel of a cell. */
+static float bound_difference(const ImageStage *stage, const Cell *cell, const CellKernels *one,
+                              const CellKernels *other) {
+    Floats16 last = splat16((float)(stage->num_rows - 1)), apart = {0};
+    for (int row = 0; row < cell->rows; row++)
+        apart = most16(absolute16(least16(one->row[row], last) - least16(other->row[row], last)),
+                       apart);
+    return stage->numbers[0] * most_of16(apart);
 }
 
 static void find_colour_reach(const ImageStage *stage, CellKernels *kernels) {
@@ -245,8 +256,10 @@ static void blur_cell(const Pass *pass, const Cell *cell, const CellKernels *ker
         if (others)
             rows[1] = others->row[row];
         for (int i = 0; i < 4; i++) {
-            if (i < 3)
+            if (i < 3) {
                 sources[i].light = row_at(&pass->from, i, cell->top + row) + cell->left;
+                FETCH_AHEAD(sources[i].light, 0);
+            }
             if (masked)
                 sources[i].mask = mask_at(pass, cell->top + row, cell->left);
             sources[i].stride = (ptrdiff_t)pass->from.stride;
@@ -322,8 +335,14 @@ void blur(const Pass *pass, const Cell *cell, CellValues *to) {
      * stands for. The change against the image before is the other one. */
     CellValues values;
     Changes *changes = changes_of(pass, stage);
-    blur_cell(pass, cell, &kernels, &far, reach, to, &values);
-    if (may_tell(stage, &changes->own, bound))
+    float own = bound;
+    if (bound < INFINITY) {
+        float light = bound_difference(stage, cell, &kernels, &far) * (range.high - range.low);
+        own = fminf(bound, bound_change(stage, (LightChange){range.low, range.high, light}));
+    }
+    int may_differ = may_tell(stage, &changes->own, own);
+    blur_cell(pass, cell, &kernels, may_differ ? &far : NULL, reach, to, &values);
+    if (may_differ)
         measure_or_defer(pass, cell, &values, to);
     if (!may_tell(stage, &changes->other, bound))
         return;

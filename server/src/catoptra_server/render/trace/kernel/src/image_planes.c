@@ -18,6 +18,7 @@ CellRange find_range_around(const Pass *pass, const Cell *cell, int reach) {
             CellRange one = pass->ranges[row * pass->cell_columns + column];
             all.low = one.low < all.low ? one.low : all.low;
             all.high = one.high > all.high ? one.high : all.high;
+            all.is_black &= one.is_black;
         }
     return all;
 }
@@ -26,6 +27,8 @@ static void load_light(const Pass *pass, const Cell *cell, CellValues *values) {
     for (int row = 0; row < cell->rows; row++) {
         const float *light = pass->job->light + 3 * place_in_map(pass, cell, row);
         float part[3 * CELL_COLUMNS] = {0};
+        for (int x = 0; x < 3 * CELL_COLUMNS; x += CELL_COLUMNS)
+            FETCH_AHEAD(light + 4 * CELL_COLUMNS + x, 0);
         if (cell->columns < CELL_COLUMNS)
             light = memcpy(part, light, sizeof(float) * 3 * (size_t)cell->columns);
         Floats16 a = load16(light), b = load16(light + 16), c = load16(light + 32);
@@ -52,10 +55,16 @@ void load_cell(const Pass *pass, const Cell *cell, CellValues *values) {
         load_light(pass, cell, values);
         return;
     }
+    if (pass->ranges[cell->row * pass->cell_columns + cell->column].is_black) {
+        memset(values->values, 0, sizeof values->values);
+        return;
+    }
     for (int channel = 0; channel < 3; channel++)
-        for (int row = 0; row < cell->rows; row++)
-            store16(load16(row_at(&pass->from, channel, cell->top + row) + cell->left),
-                    values->values[channel][row]);
+        for (int row = 0; row < cell->rows; row++) {
+            const float *light = row_at(&pass->from, channel, cell->top + row) + cell->left;
+            FETCH_AHEAD(light, 0);
+            store16(load16(light), values->values[channel][row]);
+        }
 }
 
 void keep_mosaic(CellValues *values) {
@@ -85,13 +94,15 @@ void sum_luminance(const Pass *pass, const Cell *cell, const CellValues *values,
 
 static CellRange find_range(const CellValues *values, const Cell *cell) {
     Floats16 low = splat16(values->values[0][0][0]), high = low;
+    Ints16 bits = {0};
     for (int channel = 0; channel < 3; channel++)
         for (int row = 0; row < cell->rows; row++) {
             Floats16 light = load_columns(values->values[channel][row], cell->columns);
             low = least16(light, low);
             high = most16(light, high);
+            bits |= (Ints16)light;
         }
-    return (CellRange){least_of16(low), most_of16(high)};
+    return (CellRange){least_of16(low), most_of16(high), !bits16(bits != 0)};
 }
 
 /* Repeat the image's edge beside a row: the last cell may reach farther than the border proper. */
@@ -104,14 +115,18 @@ static void fill_sides(const Planes *planes, const Cell *cell, float *row) {
             row[x] = row[planes->width - 1];
 }
 
+/* What is black and was it two passes before is there already. */
 static void store_planes(const Pass *pass, const Cell *cell, const CellValues *values) {
-    for (int channel = 0; channel < 3; channel++)
+    CellRange *range = pass->next_ranges + cell->row * pass->cell_columns + cell->column;
+    int was_black = range->is_black;
+    *range = find_range(values, cell);
+    for (int channel = 0; channel < 3 && !(was_black && range->is_black); channel++)
         for (int row = 0; row < cell->rows; row++) {
             float *to = row_at(&pass->to, channel, cell->top + row);
+            FETCH_AHEAD(to + cell->left, 1);
             store16(load16(values->values[channel][row]), to + cell->left);
             fill_sides(&pass->to, cell, to);
         }
-    pass->next_ranges[cell->row * pass->cell_columns + cell->column] = find_range(values, cell);
 }
 
 /* A pixel measures at most a full well. Beside the edge the image is mirrored about its last pixel,
@@ -120,6 +135,7 @@ static void store_mosaic(const Pass *pass, const Cell *cell, const CellValues *v
     int last = pass->mosaic.width - 1;
     for (int row = 0; row < cell->rows; row++) {
         float *to = row_at(&pass->mosaic, 0, cell->top + row);
+        FETCH_AHEAD(to + cell->left, 1);
         store16(least16(load16(values->values[0][row]), splat16(1.0f)), to + cell->left);
         if (cell->left == 0)
             to[-1] = to[last > 0];
@@ -137,6 +153,7 @@ static Ints16 levels_of(Floats16 linear) {
 static void store_rgb(const uint8_t *table, const CellValues *values, int row, int columns,
                       uint8_t *rgb) {
     int32_t levels[3][CELL_COLUMNS];
+    FETCH_AHEAD(rgb + 4 * CELL_COLUMNS, 1);
     for (int channel = 0; channel < 3; channel++)
         store_ints16(levels_of(load16(values->values[channel][row])), levels[channel]);
     for (int x = 0; x < columns; x++)

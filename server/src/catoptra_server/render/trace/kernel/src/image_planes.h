@@ -24,9 +24,10 @@ typedef struct {
     float *values;           /* with the border */
 } Planes;
 
-/* Extremes of the three colours of each cell. */
+/* Extremes of the three colours of each cell, and whether all are zero, of no sign. */
 typedef struct {
     float low, high;
+    int32_t is_black;
 } CellRange;
 
 typedef struct {
@@ -92,9 +93,14 @@ static inline size_t place_in_map(const Pass *pass, const Cell *cell, int row) {
     return (size_t)(cell->top + row) * (size_t)pass->job->width + (size_t)cell->left;
 }
 
+/* Fetch what the cell after the next one reads of a row, or writes: rows are far apart in memory,
+ * too many for the processor to foresee. */
+#define FETCH_AHEAD(row, is_written) __builtin_prefetch((row) + 2 * CELL_COLUMNS, is_written)
+
 /* Sixteen values of a map's row, of which `count` are in the image; the others repeat the first. */
 static inline Floats16 load_map(const void *map, size_t first, int count) {
     const float *values = (const float *)map + first;
+    FETCH_AHEAD(values, 0);
     if (count == CELL_COLUMNS)
         return load16(values);
     Floats16 loaded = splat16(values[0]);

@@ -41,6 +41,7 @@ static Floats16 read_at_offsets(const Planes *planes, int channel, int y, int le
         Ints16 same = (offsets->whole_x == dx) & (offsets->whole_y == dy);
         const float *above = clamped_row(planes, channel, y + dy);
         const float *below = clamped_row(planes, channel, y + dy + 1);
+        FETCH_AHEAD(below + left, 0);
         Floats16 upper = mix(load_beside(planes, above, left + dx),
                              load_beside(planes, above, left + dx + 1), offsets->part_x);
         Floats16 lower = mix(load_beside(planes, below, left + dx),
@@ -119,9 +120,18 @@ void magnify(const Pass *pass, const Cell *cell, CellValues *to) {
     measure_cell(pass, cell, bound, to);
 }
 
-/* Part of a full pixel's overflow that a pixel k rows away receives, of those up to a reach. */
-static float overflow_weight(int reach, int k) {
-    return (float)(reach + 1 - k) / ((float)reach * (float)(reach + 1));
+/* What pixels of a cell receive of a row of charge above the well: its own row none. */
+static void spread_charge(const Pass *pass, const Cell *cell, int y, Floats16 charge,
+                          Floats16 received[CELL_ROWS]) {
+    int reach = pass->stage->size;
+    if (!bits16(charge != 0.0f))
+        return;
+    Floats16 least = pass->stage->numbers[0] / ((float)reach * (float)(reach + 1)) * charge;
+    for (int row = 0; row < cell->rows; row++) {
+        int k = cell->top + row < y ? y - cell->top - row : cell->top + row - y;
+        if (k > 0 && k <= reach)
+            received[row] += (float)(reach + 1 - k) * least;
+    }
 }
 
 static int any_overflow(const ChangeMaps *maps, int first_row, int last_row, int column) {
@@ -131,88 +141,70 @@ static int any_overflow(const ChangeMaps *maps, int first_row, int last_row, int
     return 0;
 }
 
-/* What a row of a cell receives of the changes above the well, light. */
-static Floats16 receive_excess(const Pass *pass, const ChangeMaps *maps, const Cell *cell,
-                               int row) {
-    int reach = pass->stage->size, y = cell->top + row;
-    Floats16 received = {0};
-    for (int other = y - reach; other <= y + reach; other++) {
-        int index = other / CELL_ROWS * maps->cell_columns + cell->column;
-        if (other == y || other < 0 || other >= pass->job->height || !maps->overflows[index])
-            continue;
-        size_t first = ((size_t)index * CELL_ROWS + (size_t)(other % CELL_ROWS)) * CELL_COLUMNS;
-        float weight = overflow_weight(reach, other < y ? y - other : other - y);
-        received += weight * load16(maps->excess + first);
-    }
-    return pass->stage->numbers[0] * received;
-}
-
 /* What an earlier stage changes by the overflow of its light: in the pixels that receive some, over
  * the light that they have with the stage or without, the darker of both. */
-static void measure_spill(const Pass *pass, const Cell *cell, Changes *changes,
-                          const CellValues *light, const CellValues *overflow) {
+static void measure_spill(const Pass *pass, const Cell *cell, int first, int last, Changes *changes,
+                          const CellValues *light, const Floats16 overflow[3][CELL_ROWS]) {
+    const ChangeMaps *maps = &changes->own.maps;
+    Floats16 received[CELL_ROWS] = {{0}}, largest = {0};
+    float known = read_largest(&changes->spilt);
     int pixels = 0;
+    for (int index, y = first * CELL_ROWS; y < (last + 1) * CELL_ROWS; y++)
+        if (maps->overflows[index = y / CELL_ROWS * maps->cell_columns + cell->column] &&
+            y < pass->job->height)
+            spread_charge(pass, cell, y,
+                          load16(maps->excess + (index * CELL_ROWS + y % CELL_ROWS) * CELL_COLUMNS),
+                          received);
     for (int row = 0; row < cell->rows; row++) {
-        Floats16 received = receive_excess(pass, &changes->own.maps, cell, row), largest = {0};
-        for (int channel = 0; channel < 3; channel++) {
-            Floats16 rest = load16(overflow->values[channel][row]) - received;
-            Floats16 least = load16(light->values[channel][row]) + most16(rest, splat16(0.0f));
-            largest = most16(level_changes(pass->stage, least, least + received), largest);
-        }
         /* With their own changes any of them may be visible. */
-        Ints16 changed = columns_below(cell->columns) & (largest > 0.0f);
+        Ints16 changed = columns_below(cell->columns) & (received[row] > 0.0f);
+        for (int channel = 0; channel < 3 && bits16(changed); channel++) {
+            Floats16 rest = overflow[channel][row] - received[row];
+            Floats16 least = load16(light->values[channel][row]) + most16(rest, splat16(0.0f));
+            Floats16 most = least + received[row];
+            if (!bits16(changed & ~(bound_changes(pass->stage, least, most) <= known)))
+                continue;
+            Floats16 levels = level_changes(pass->stage, least, most);
+            largest = most16(select16(changed, levels, splat16(0.0f)), largest);
+        }
         pixels += __builtin_popcount(bits16(changed));
         mark_visible(&changes->own, cell, row, bits16(changed));
-        raise_largest(&changes->spilt, most_of16(select16(changed, largest, splat16(0.0f))));
     }
+    raise_largest(&changes->spilt, most_of16(largest));
     count_visible(&changes->own, pixels);
 }
 
-static void measure_spills(const Pass *pass, const Cell *cell, int first_row, int last_row,
-                           const CellValues *light, const CellValues *overflow) {
+static void measure_spills(const Pass *pass, const Cell *cell, int first, int last,
+                           const CellValues *light, const Floats16 overflow[3][CELL_ROWS]) {
     if (!pass->changes)
         return;
     for (Changes *one = pass->changes; one < changes_of(pass, pass->stage); one++)
-        if (one->own.maps.excess && any_overflow(&one->own.maps, first_row, last_row, cell->column))
-            measure_spill(pass, cell, one, light, overflow);
-}
-
-/* Charge that a row of a cell receives from full pixels above and below. */
-static Floats16 receive_overflow(const Pass *pass, const Cell *cell, int channel, int row) {
-    int reach = pass->stage->size;
-    Floats16 overflow = {0};
-    for (int k = 1; k <= reach; k++) {
-        float weight = overflow_weight(reach, k);
-        for (int y = cell->top + row - k; y <= cell->top + row + k; y += 2 * k) {
-            if (y < 0 || y >= pass->job->height)
-                continue;
-            Floats16 light = load16(row_at(&pass->from, channel, y) + cell->left);
-            Floats16 excess = select16(light > 1.0f, light - 1.0f, splat16(0.0f));
-            overflow += weight * (pass->stage->numbers[0] * excess);
-        }
-    }
-    return overflow;
+        if (one->own.maps.excess && any_overflow(&one->own.maps, first, last, cell->column))
+            measure_spill(pass, cell, first, last, one, light, overflow);
 }
 
 /* Charge above the full well flows into the pixels above and below. */
 void bloom(const Pass *pass, const Cell *cell, CellValues *to) {
-    int reach = pass->stage->size, height = pass->job->height;
-    CellValues overflow = {.planes = 3};
+    int reach = pass->stage->size, height = pass->job->height, overflows = 0;
+    Floats16 overflow[3][CELL_ROWS] = {{{0}}};
     load_cell(pass, cell, to);
     int first = clamp(cell->top - reach, height - 1) / CELL_ROWS;
     int last = clamp(cell->top + cell->rows - 1 + reach, height - 1) / CELL_ROWS;
-    float high = 0.0f;
-    for (int row = first; row <= last; row++)
-        high = fmaxf(high, pass->ranges[row * pass->cell_columns + cell->column].high);
-    for (int channel = 0; channel < 3 && high > 1.0f; channel++)
-        for (int row = 0; row < cell->rows; row++)
-            store16(receive_overflow(pass, cell, channel, row), overflow.values[channel][row]);
-    measure_spills(pass, cell, first, last, to, &overflow);
-    if (!(high > 1.0f))
+    for (int y = first * CELL_ROWS; y < (last + 1) * CELL_ROWS && y < height; y++) {
+        int is_full = pass->ranges[y / CELL_ROWS * pass->cell_columns + cell->column].high > 1.0f;
+        overflows |= is_full;
+        for (int channel = 0; channel < 3 && is_full; channel++) {
+            Floats16 light = load16(row_at(&pass->from, channel, y) + cell->left);
+            spread_charge(pass, cell, y, select16(light > 1.0f, light - 1.0f, splat16(0.0f)),
+                          overflow[channel]);
+        }
+    }
+    measure_spills(pass, cell, first, last, to, overflow);
+    if (!overflows)
         return;
     for (int channel = 0; channel < 3; channel++)
         for (int row = 0; row < cell->rows; row++)
-            store16(load16(to->values[channel][row]) + load16(overflow.values[channel][row]),
+            store16(load16(to->values[channel][row]) + overflow[channel][row],
                     to->values[channel][row]);
     measure_cell(pass, cell, INFINITY, to);
 }
@@ -230,6 +222,7 @@ void demosaic(const Pass *pass, const Cell *cell, CellValues *to) {
         const float *above = mirrored_row(&pass->mosaic, y - 1) + cell->left;
         const float *at = row_at(&pass->mosaic, 0, y) + cell->left;
         const float *below = mirrored_row(&pass->mosaic, y + 1) + cell->left;
+        FETCH_AHEAD(below, 0);
         Floats16 own = load16(at), horizontal = 0.5f * (load16(at - 1) + load16(at + 1));
         Floats16 vertical = 0.5f * (load16(above) + load16(below));
         Floats16 diagonal =

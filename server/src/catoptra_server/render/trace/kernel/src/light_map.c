@@ -274,13 +274,14 @@ int are_lights_known(const FrameState *state, int32_t triangle, LightProof *proo
     return !(shining & ~(proof->seen | proof->hidden)) && state->scene->num_lights <= 32;
 }
 
-LightProof prove_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4]) {
+LightProof prove_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4],
+                         uint32_t others) {
     LightProof proof;
     if (are_lights_known(state, triangle, &proof) || !state->scene->light_maps)
         return proof;
     for (int light = 0; light < state->scene->num_lights && light < 32; light++) {
         uint32_t bit = 1u << light;
-        if ((proof.seen | proof.hidden) & bit ||
+        if ((proof.seen | proof.hidden | others) & bit ||
             !(find_incidence(state, &state->scene->lights[light], triangle) > 0.0f))
             continue;
         int found = find_in_quad(state, light, state->scene->surfaces.surface[triangle], corners);

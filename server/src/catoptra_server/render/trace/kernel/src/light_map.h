@@ -51,7 +51,9 @@ float find_incidence(const FrameState *state, const Light *light, int32_t triang
  * tells. */
 int are_lights_known(const FrameState *state, int32_t triangle, LightProof *proof);
 
-/* What is known of the lights that shine on the part of a static facet between four points. */
-LightProof prove_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4]);
+/* What is known of the lights, but for those of a mask, that shine on the part of a static facet
+ * between four points. */
+LightProof prove_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4],
+                        uint32_t others);
 
 #endif

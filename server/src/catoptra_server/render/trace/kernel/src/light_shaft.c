@@ -180,10 +180,12 @@ static int is_leaf_free(const Scene *scene, const Shaft *shaft, const BvhLeaf *l
     return 1;
 }
 
-/* Whether no item of a hierarchy but those of a surface reaches into a shaft; without leaves, all
- * are in its way. */
+/* Whether no item of a hierarchy but those of a surface reaches into a shaft, else a leaf that does,
+ * from 1 on; without leaves, all are in its way. */
 static int is_free(const Scene *scene, const Shaft *shaft, const BvhNode *nodes,
-                   const BvhLeaf *leaves, int32_t surface) {
+                   const BvhLeaf *leaves, int32_t surface, int32_t *blocker) {
+    if (leaves && *blocker && !is_leaf_free(scene, shaft, leaves + *blocker - 1, surface))
+        return 0;
     int32_t stack[MAX_VISITS * LANES] = {0};
     for (int height = 1, visits = 0; height; visits++) {
         const BvhNode *node = nodes + stack[--height];
@@ -193,15 +195,19 @@ static int is_free(const Scene *scene, const Shaft *shaft, const BvhNode *nodes,
             int32_t child = node->child[__builtin_ctz(inside)];
             if (child >= 0)
                 stack[height++] = child;
-            else if (!leaves || !is_leaf_free(scene, shaft, leaves + ~child, surface))
+            else if (!leaves)
                 return 0;
+            else if (!is_leaf_free(scene, shaft, leaves + ~child, surface)) {
+                *blocker = -child;
+                return 0;
+            }
         }
     }
     return 1;
 }
 
 static int is_way_free(const FrameState *state, const Light *light, int32_t triangle,
-                       const Vec3 corners[4]) {
+                       const Vec3 corners[4], int32_t *blocker) {
     const Scene *scene = state->scene;
     const Bvh *casters = scene->casters ? &scene->casters->bvh : &scene->mesh->bvh;
     const BvhNode *objects = object_nodes(state);
@@ -211,18 +217,18 @@ static int is_way_free(const FrameState *state, const Light *light, int32_t tria
         !aim_shaft(state, light, triangle, corners,
                    fmaxf(casters->largest, scene->mesh->bvh.largest), &shaft))
         return 0;
-    return (!objects || is_free(scene, &shaft, objects, NULL, -1)) &&
-           (!casters->num_nodes || is_free(scene, &shaft, casters->nodes, casters->leaves,
-                                           scene->surfaces.surface[triangle]));
+    return (!casters->num_nodes || is_free(scene, &shaft, casters->nodes, casters->leaves,
+                                           scene->surfaces.surface[triangle], blocker)) &&
+           (!objects || is_free(scene, &shaft, objects, NULL, -1, NULL));
 }
 
 uint32_t find_free_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4],
-                          uint32_t others) {
+                          uint32_t others, int32_t blockers[MAX_SHAFTS]) {
     uint32_t found = 0;
-    for (int number = 0; number < state->scene->num_lights && number < 32; number++) {
+    for (int number = 0; number < state->scene->num_lights && number < MAX_SHAFTS; number++) {
         const Light *light = &state->scene->lights[number];
         if (!(others >> number & 1) && find_incidence(state, light, triangle) > 0.0f &&
-            is_way_free(state, light, triangle, corners))
+            is_way_free(state, light, triangle, corners, blockers + number))
             found |= 1u << number;
     }
     return found;

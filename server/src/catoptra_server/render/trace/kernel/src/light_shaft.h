@@ -11,10 +11,13 @@
 
 #include "frame_state.h"
 
-/* Lights, of the first 32 and other than those of a mask, of which it is certain that they meet
+enum { MAX_SHAFTS = 32 };
+
+/* Lights, of the first ones and other than those of a mask, of which it is certain that they meet
  * nothing but a static facet's own surface on their way to the quadrangle between four points of
- * its plane, in rows. */
+ * its plane, in rows. `blockers` are 0, or what was in the way of an earlier one: mostly it still
+ * is. */
 uint32_t find_free_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4],
-                          uint32_t others);
+                          uint32_t others, int32_t blockers[MAX_SHAFTS]);
 
 #endif

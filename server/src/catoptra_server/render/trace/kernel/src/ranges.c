@@ -29,6 +29,7 @@ static void add_inverses(const FrameState *state, int tile, int32_t triangle,
         size_t first = (size_t)(tile * blocks + block) * 3 * BLOCK_RAYS;
         const float *x = state->rays->directions + first, *y = x + BLOCK_RAYS, *z = y + BLOCK_RAYS;
         float inverse[BLOCK_RAYS];
+        fetch_next_tile(state, x);
         for (int i = 0; i < BLOCK_RAYS; i++)
             inverse[i] = limit_inverse(n.x * x[i] + n.y * y[i] + n.z * z[i]);
         add_lanes(samples, block, inverse, sums);

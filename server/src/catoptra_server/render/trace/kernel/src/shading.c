@@ -229,7 +229,7 @@ static LightProof prove_block(const FrameState *state, int32_t triangle, const H
         get_lane(points->position, BLOCK_RAYS - TILE_PX),
         get_lane(points->position, BLOCK_RAYS - 1),
     };
-    return prove_lights(state, triangle, corners);
+    return prove_lights(state, triangle, corners, 0);
 }
 
 static void add_proof(SurfaceBlock *surface, uint32_t rays, LightProof proof) {

@@ -770,7 +770,7 @@ static void light_sums(const FrameState *state, const TileContent *content, cons
 static int fill_textured_tile(const FrameState *state, int tile, const TileContent *content) {
     PlaneLight light;
     PixelSums texels, sums, unshadowed;
-    if (content->triangle < 0 || state->plan || state->frame->inverse_range || has_fog(state) ||
+    if (content->triangle < 0 || state->plan || has_fog(state) ||
         !may_fill(state, tile, content) || is_glossy(state, content->triangle) ||
         !(state->scene->mesh->arrays.flags[content->triangle] & FACET_TEXTURED) ||
         !(content->factors ||
@@ -783,6 +783,8 @@ static int fill_textured_tile(const FrameState *state, int tile, const TileConte
     if (finds_shadow_change(state) && max_abs(light.lost) > 0.0f)
         note_changes(state, tile, &state->measures->shadow, &sums, &unshadowed);
     write_pixels(state, tile, &sums);
+    if (state->frame->inverse_range)
+        fill_ranges(state, tile, content->triangle);
     return 1;
 }
 
@@ -791,7 +793,7 @@ static int fill_sky_tile(const FrameState *state, int tile, const TileContent *c
     int blocks = state->rays->samples * state->rays->samples;
     PixelSums sums;
     if (content->triangle != SURFACE_BACKGROUND || !state->scene->sky || state->plan ||
-        state->frame->inverse_range || has_fog(state) || !may_fill(state, tile, content))
+        has_fog(state) || !may_fill(state, tile, content))
         return 0;
     for (int block = 0; block < blocks; block++) {
         _Alignas(64) float radiance[3][BLOCK_RAYS];
@@ -801,6 +803,8 @@ static int fill_sky_tile(const FrameState *state, int tile, const TileContent *c
         add_samples(state, block, 0xffff, radiance, &sums);
     }
     write_pixels(state, tile, &sums);
+    if (state->frame->inverse_range)
+        fill_ranges(state, tile, content->triangle);
     return 1;
 }
 
