@@ -27,9 +27,15 @@ from helpers.worlds import make_plan
 READOUT_S = 1.0 / 30.0
 SHUTTERS = {
     "rolling": Shutter(0.0, READOUT_S, 64.0),
+    "blur": Shutter(1.0 / 60.0, 0.0, 64.0),
     "rolling and blur": Shutter(1.0 / 60.0, READOUT_S, 64.0),
 }
-MOTIONS = {"0.5 m/s, 0.5 rad/s": (0.5, 28.6), "2 m/s": (2.0, 0.0), "turn of 2 rad/s": (0.2, 114.0)}
+MOTIONS = {
+    "0.5 m/s, 0.5 rad/s": (0.5, 28.6),
+    "turn of 0.5 rad/s": (0.0, 28.6),
+    "2 m/s": (2.0, 0.0),
+    "turn of 2 rad/s": (0.2, 114.0),
+}
 MADE = {"tunnel": make_tunnel, "hall": make_hall}
 WORLDS = ("four_legged_2006", "corridor", "rescue", "warehouse", *MADE)
 # Of the readout: 64 in the exposure.
@@ -73,7 +79,8 @@ def find_row_differences(
     # Rows whose times are whole steps: each frame serves all rows that are exposed during it.
     rows = np.arange(7, camera.height_px, 15)
     step_s = READOUT_S / _STEPS
-    centres = (rows + 0.5) / camera.height_px * _STEPS - 0.5 * _STEPS
+    readout = _STEPS * shutter.readout_s / READOUT_S
+    centres = ((rows + 0.5) / camera.height_px - 0.5) * readout
     mean = np.zeros((len(rows), camera.width_px, 3))
     if not shutter.exposure_s:
         for i, centre in enumerate(centres):

@@ -1,10 +1,10 @@
-"""Rows of a rolling shutter against means of 64 sharp frames about their own times.
+"""Rows of pictures against means of 64 sharp frames about their own times.
 
 Run: OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/measurements/shutter_rows.py [WORLD ...]
 
-Prints, by world, motion and shutter of the shipped real camera at 640 x 480 px, the quantiles of
-99 % and 99.9 % of the mirror's pixels in each 15th row, and the share of them beyond 2 and 8 grey
-levels. The light of the frames is summed before the well clips it once.
+Prints, by world, motion and shutter, rolling or not, of the shipped real camera at 640 x 480 px,
+the quantiles of 99 % and 99.9 % of the mirror's pixels in each 15th row, and the share of them
+beyond 2 and 8 grey levels. The light of the frames is summed before the well clips it once.
 """
 
 from __future__ import annotations

@@ -26,10 +26,11 @@ enum { REACH_LEVELS = 6, CHANNELS = 3, CELLS = 2, CELL_PIXELS = 4 };
  * the farthest, so that these bound its change with half a pixel of reserve; 0: it goes farther. */
 enum { NEAR = 1 << CELLS * CELLS, MAX_NEAR = 2, AROUND = TILE_PX + 2 * MAX_NEAR };
 /* Where light is gathered: contrast times what parts of it move apart by at most, levels times px;
- * and doubt, levels or a quarter of what may be left out. With 4 and 2 at most 0.6 % of the pixels
- * of six worlds differ by more than 2 levels from 64 frames, with 4 and 3 0.9 %. */
+ * and doubt, levels or a quarter of what may be left out. With these at most 0.74 % of the pixels
+ * of six worlds differ by more than 2 levels from 64 frames, and 0.08 % by more than 8
+ * (tests/measurements/shutter_rows.py). */
 #define MAX_APART 4.0f
-#define MAX_DOUBT 2.0f
+#define MAX_DOUBT 2.25f
 
 static size_t count_tiles(const View *view) {
     return (size_t)view->tile_rows * (size_t)view->rays.tile_columns;
