@@ -80,8 +80,8 @@ static void develop_cell(const Pass *pass, const Cell *cell) {
     if (pass->target == TO_MOSAIC)
         keep_mosaic(&values);
     change_points(pass, cell, &values);
-    if (pass->sums_luminance && pass->changes)
-        sum_without_factors(pass, cell, &values);
+    if (pass->sums_luminance)
+        visit_factors(pass, pass->points + pass->num_points, cell, &values);
     store_cell(pass, cell, &values);
 }
 
