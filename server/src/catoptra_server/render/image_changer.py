@@ -103,14 +103,15 @@ class NumpyImageChanger:
                 # Not loaded at the start of a server whose kernel measures.
                 from catoptra_server.effects.kernels.grey_levels import measure_change
 
-                pair, threshold = (before, light), thresholds[effect.name]
+                after, threshold = light, thresholds[effect.name]
                 rest = effects[number + 1 :]
                 if any(one.name == _AUTO_EXPOSURE for one in rest):
                     # Behind all others, since the exposure takes back what all pixels share.
                     for one in rest:
-                        pair = tuple(one.apply(p, exposed.camera, exposed.context) for p in pair)
+                        before = one.apply(before, exposed.camera, exposed.context)
+                        after = one.apply(after, exposed.camera, exposed.context)
                     threshold = Threshold(0.0)
-                changes[effect.name] = measure_change(*pair, threshold)
+                changes[effect.name] = measure_change(before, after, threshold)
         return ChangedImage(light, stage_ms, changes)
 
     def encode(

@@ -340,7 +340,8 @@ static size_t lay_out_pass(const ImageJob *job, char *scratch, Pass *pass) {
     pass->mosaic.values = take_memory(scratch, &taken, sizeof(float) * pass->mosaic.plane);
     pass->ranges = take_memory(scratch, &taken, sizeof(CellRange) * cells);
     pass->next_ranges = take_memory(scratch, &taken, sizeof(CellRange) * cells);
-    pass->row_sums = take_memory(scratch, &taken, sizeof(double) * rows * (size_t)(1 + job->num_stages));
+    pass->row_sums =
+        take_memory(scratch, &taken, sizeof(double) * rows * (size_t)(1 + job->num_stages));
     pass->changes = take_memory(scratch, &taken, sizeof(Changes) * (size_t)job->num_stages);
     pass->means = take_memory(scratch, &taken, glare_bytes(job));
     pass->maps = take_memory(scratch, &taken, lay_out_maps(pass, NULL, &pass->maps_bytes));
@@ -573,9 +574,9 @@ static float measure_behind_lens(Device *device, const Pass *whole, float own, c
 /* Cells that are looked at one by one, at 0.3 to 0.8 ms: of more of them, the first alone, and then
  * the whole picture, at 40 ms of one thread. */
 enum { SINGLE_CELLS = 48, FIRST_CELLS = 4 };
-/* The light of a picture in motion is within 2 levels of that of 64 sharp frames in 99 % of the
- * pixels, 2 % of a contrast whose discs differ by a level: measured changes are up to 2.2 % short
- * of those in the light of 64 frames (960 situations of docs/EFFECTS.md). */
+/* At rest what is measured here is what the picture changes by, within 1e-3. The light of motion is
+ * within 2 levels of that of 64 sharp frames in 99 % of the pixels, 2 % of a contrast whose discs
+ * differ by a level: changes are up to 2.2 % larger in that of 64 frames (docs/EFFECTS.md). */
 #define LIGHT_RESERVE 1.03f
 
 /* Decide on the changes that a first stage deferred, the largest ones first, by what is left of

@@ -263,7 +263,7 @@ void visit_factors(const Pass *pass, const ImageStage *automatic, const Cell *ce
         if (!is_measured(pass, one) || find_exposure(pass->job, one) != automatic)
             continue;
         Changes *changes = changes_of(pass, one);
-        int is_exposed = automatic == pass->points;
+        int is_exposed = automatic < pass->points + pass->num_points;
         float gain = find_auto_gain(automatic, changes->mean_luminance) /
                      find_auto_gain(automatic, pass->mean_luminance);
         EACH_ROW(with, cell) {
