@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import cache
 from typing import Generic, Protocol, TypeVar
 
@@ -28,9 +27,6 @@ from catoptra_server.render.renderer import Image, LinearImage
 from catoptra_server.world.world_description import srgb_from_linear
 
 _AUTO_EXPOSURE = "AutoExposure"
-FACTORS = frozenset({"MirrorReflectance", "Vignetting", "Exposure"})
-"""Effects that multiply each pixel by a number: automatic exposure takes a part of it back."""
-
 _ImageT = TypeVar("_ImageT")
 
 
@@ -107,16 +103,15 @@ class NumpyImageChanger:
                 # Not loaded at the start of a server whose kernel measures.
                 from catoptra_server.effects.kernels.grey_levels import measure_change
 
-                pair, threshold = (before, light), thresholds[effect.name]
-                names = [one.name for one in effects]
-                if effect.name in FACTORS and _AUTO_EXPOSURE in names[number:]:
-                    # Measured behind the exposure, which takes back what all pixels share.
-                    last = names.index(_AUTO_EXPOSURE)
-                    for one in effects[number + 1 : last + 1]:
-                        pair = tuple(one.apply(p, exposed.camera, exposed.context) for p in pair)
-                    behind = thresholds.get(_AUTO_EXPOSURE, Threshold(0.0))
-                    threshold = replace(threshold, gains=behind.gains, spill=behind.spill)
-                changes[effect.name] = measure_change(*pair, threshold)
+                after, threshold = light, thresholds[effect.name]
+                rest = effects[number + 1 :]
+                if any(one.name == _AUTO_EXPOSURE for one in rest):
+                    # Behind all others, since the exposure takes back what all pixels share.
+                    for one in rest:
+                        before = one.apply(before, exposed.camera, exposed.context)
+                        after = one.apply(after, exposed.camera, exposed.context)
+                    threshold = Threshold(0.0)
+                changes[effect.name] = measure_change(before, after, threshold)
         return ChangedImage(light, stage_ms, changes)
 
     def encode(

@@ -811,10 +811,6 @@ int reopen_gathered(const FrameState *state) {
         return 0;
     }
     memcpy(plan->masks, plan->gathered, count_tiles(state->view));
-    for (int level = 0; level < BEAM_LEVELS; level++) {
-        const BeamLevel *parts = &state->view->levels[level];
-        memset(plan->wanted[level], 0, (size_t)parts->rows * (size_t)parts->columns);
-    }
     int closed = plan->num_tiles;
     want_tiles(state);
     return plan->num_tiles > closed;

@@ -290,10 +290,9 @@ static void measure_or_defer(const Pass *pass, const Cell *cell, const CellValue
     }
     ChangeMeasure alone = {.maps = own->maps};
     measure_change(stage, &alone, before, after, cell);
-    count_visible(own, atomic_load(&alone.num_visible));
-    if (atomic_load(&alone.spills))
-        atomic_store_explicit(&own->spills, 1, memory_order_relaxed);
     float most = MEAN_CHANGE * read_largest(&alone);
+    atomic_store(&alone.largest, 0);
+    add_measure(own, &alone);
     if (most > stage->limits.max_change)
         stage->deferred[cell->row * pass->cell_columns + cell->column] = most;
     else

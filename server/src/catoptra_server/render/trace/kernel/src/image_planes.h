@@ -63,7 +63,7 @@ typedef struct Pass {
     Planes from, to, mosaic;
     int cell_rows, cell_columns;
     CellRange *ranges, *next_ranges; /* (cell_rows, cell_columns) of `from` and `to` */
-    double *row_sums; /* (1 + stages, cell_rows) luminance, with all stages and without each factor */
+    double *row_sums; /* (1 + stages, cell_rows) luminance, with all stages, without each factor */
     float mean_luminance;
     float *means, *scattered; /* (3, rows, columns) of a glare's cells */
     float *lines;             /* (3, rows, width) scattered light between them */

@@ -247,54 +247,34 @@ static ChangeCell *const CHANGES[] = {
     [STAGE_GLARE] = add_glare,
 };
 
-/* A cell times a number, without an earlier factor of its light, or with all. */
-static void scale_cell(const Pass *pass, const ImageStage *left_out, const Cell *cell,
-                       const CellValues *from, float factor, CellValues *to) {
-    to->planes = from->planes;
-    EACH_ROW(from, cell) {
-        Floats16 light = factor * load16(from->values[plane][row]);
-        if (left_out) {
-            Floats16 gains = gains_of(pass, left_out, cell, from, plane, row);
-            light = select16(gains > 0.0f, light / gains, light);
-        }
-        store16(light, to->values[plane][row]);
-    }
-}
-
 const ImageStage *find_exposure(const ImageJob *job, const ImageStage *stage) {
-    const ImageStage *end = job->stages + job->num_stages, *next = stage + 1;
-    if (stage->kind != STAGE_GAIN)
-        return stage;
-    while (next < end && next->kind != STAGE_AUTO_GAIN)
+    const ImageStage *end = job->stages + job->num_stages, *next = stage;
+    while (stage->kind == STAGE_GAIN && next < end && next->kind != STAGE_AUTO_GAIN)
         next++;
     return next < end ? next : stage;
 }
 
-/* Visit the measured factors whose changes an automatic gain decides. */
-#define EACH_FACTOR(pass, automatic)                                                               \
-    for (const ImageStage *one = (pass)->job->stages; one < (automatic); one++)                    \
-        if (is_measured(pass, one) && find_exposure((pass)->job, one) == (automatic))
-
-void sum_without_factors(const Pass *pass, const Cell *cell, const CellValues *values) {
-    CellValues without;
-    EACH_FACTOR(pass, pass->points + pass->num_points) {
-        scale_cell(pass, one, cell, values, 1.0f, &without);
-        sum_luminance(pass, cell, &without, 1 + (int)(one - pass->job->stages));
-    }
-}
-
-/* Measure by the exposure with each factor and by that without. */
-static void measure_factors(const Pass *pass, const ImageStage *automatic, const Cell *cell,
-                            const CellValues *values) {
-    CellValues with, without;
-    scale_cell(pass, NULL, cell, values, find_auto_gain(automatic, pass->mean_luminance), &with);
-    EACH_FACTOR(pass, automatic) {
-        Changes *changes = changes_of(pass, one);
+void visit_factors(const Pass *pass, const ImageStage *automatic, const Cell *cell,
+                   const CellValues *with) {
+    for (const ImageStage *one = pass->job->stages; one < automatic; one++) {
+        CellValues without = {.planes = with->planes};
         ImageStage behind = *automatic;
         behind.limits = one->limits;
-        scale_cell(pass, one, cell, values, find_auto_gain(automatic, changes->mean_luminance),
-                   &without);
-        measure_change(&behind, &changes->own, &without, &with, cell);
+        if (!is_measured(pass, one) || find_exposure(pass->job, one) != automatic)
+            continue;
+        Changes *changes = changes_of(pass, one);
+        int is_exposed = automatic < pass->points + pass->num_points;
+        float gain = find_auto_gain(automatic, changes->mean_luminance) /
+                     find_auto_gain(automatic, pass->mean_luminance);
+        EACH_ROW(with, cell) {
+            Floats16 light = (is_exposed ? gain : 1.0f) * load16(with->values[plane][row]);
+            store16(light / gains_of(pass, one, cell, with, plane, row),
+                    without.values[plane][row]);
+        }
+        if (is_exposed)
+            measure_change(&behind, &changes->own, &without, with, cell);
+        else
+            sum_luminance(pass, cell, &without, 1 + (int)(one - pass->job->stages));
     }
 }
 
@@ -314,12 +294,12 @@ void change_points(const Pass *pass, const Cell *cell, CellValues *values) {
         int measures = is_measured(pass, stage) && find_exposure(pass->job, stage) == stage;
         if ((keeps_black && is_dark(values, cell)) || stage->kind == STAGE_BLOOM)
             continue; /* in a pass, an overflow is one of no light */
-        if (stage->kind == STAGE_AUTO_GAIN && pass->changes)
-            measure_factors(pass, stage, cell, values);
         if (measures)
             memcpy(before.values, values->values, sizeof before.values[0] * (size_t)values->planes);
         CHANGES[stage->kind](pass, stage, cell, values);
         if (measures)
             measure_change(stage, &changes_of(pass, stage)->own, &before, values, cell);
+        if (stage->kind == STAGE_AUTO_GAIN)
+            visit_factors(pass, stage, cell, values);
     }
 }

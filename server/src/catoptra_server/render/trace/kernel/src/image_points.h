@@ -14,7 +14,9 @@ float find_auto_gain(const ImageStage *stage, float mean_luminance);
  * takes back what the whole picture has in common; of others where they act. */
 const ImageStage *find_exposure(const ImageJob *job, const ImageStage *stage);
 
-/* Sum the luminance before an automatic gain that a cell would have without each factor. */
-void sum_without_factors(const Pass *pass, const Cell *cell, const CellValues *values);
+/* A cell with and without each measured factor of its light: behind the automatic gain changes are
+ * measured, by the exposure of either; in the pass before it luminances are summed. */
+void visit_factors(const Pass *pass, const ImageStage *automatic, const Cell *cell,
+                   const CellValues *with);
 
 #endif
