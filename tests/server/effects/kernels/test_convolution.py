@@ -158,6 +158,15 @@ def test_row_when_beyond_the_table_is_its_last() -> None:
     )
 
 
+def test_kernels_differ_by_at_most_their_rows_times_the_largest_step() -> None:
+    table = disc_kernel_table(3.0)
+    counts = pair_multiplicities(table.half_width_px)
+    for one, other in RNG.uniform(0.0, len(table.weights) - 1.0, (50, 2)):
+        first, second = table.interpolate(np.array([one, other]), table.half_width_px).T
+        exchanged = 0.5 * np.abs(first - second) @ counts
+        assert exchanged <= table.max_step * abs(one - other) + 1e-12
+
+
 def test_texture_when_computed_twice_is_the_same_array() -> None:
     table = disc_kernel_table(3.0)
     assert float32_weights(table) is float32_weights(table)

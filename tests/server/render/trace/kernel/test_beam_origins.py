@@ -198,20 +198,22 @@ def test_shadows_when_filled_differ_by_one_level_from_the_traced_ones(name: str)
 
 
 @pytest.mark.parametrize("name", MIRRORS)
-def test_fog_and_ranges_when_filled_are_the_traced_ones(name: str) -> None:
+def test_fog_textures_and_ranges_when_filled_are_the_traced_ones(name: str, tmp_path: Path) -> None:
     table = make_table(name, width_px=72, samples=2)
-    state = replace(CAMERA_STATE, fog=FogMedium(0.2, (0.5, 0.5, 0.5)))
-    with open_kernel(make_test_world()) as engine:
-        rays = engine.prepare(table)
-        request = TraceRequest(is_linear=True, has_ranges=True)
-        filled = rays.render(state, request)
-        assert rays.last_counts.num_filled_tiles > 0
-        engine._scene.surfaces.num_surfaces = 0
-        traced = rays.render(state, request)
-    np.testing.assert_allclose(filled.image, traced.image, atol=2e-5)
-    assert filled.range_m is not None
-    assert traced.range_m is not None
-    np.testing.assert_allclose(filled.range_m, traced.range_m, rtol=1e-4)
+    textured = make_test_world(texture=write_smooth_texture(tmp_path / "waves.png"))
+    foggy = replace(CAMERA_STATE, fog=FogMedium(0.2, (0.5, 0.5, 0.5)))
+    request = TraceRequest(is_linear=True, has_ranges=True)
+    for world, state in ((make_test_world(), foggy), (textured, CAMERA_STATE)):
+        with open_kernel(world) as engine:
+            rays = engine.prepare(table)
+            filled = rays.render(state, request)
+            assert rays.last_counts.num_filled_tiles > 0
+            engine._scene.surfaces.num_surfaces = 0
+            traced = rays.render(state, request)
+        np.testing.assert_allclose(filled.image, traced.image, atol=2e-5)
+        assert filled.range_m is not None
+        assert traced.range_m is not None
+        np.testing.assert_allclose(filled.range_m, traced.range_m, rtol=1e-4)
 
 
 LINEAR = TraceRequest(

@@ -41,8 +41,7 @@ void fill_fogged_tile(const FrameState *state, int tile, int32_t triangle, Vec3 
     if (state->frame->measures_fog)
         note_change(state, &state->measures->fog, TILE_PX * TILE_PX, radiance, vec3(most));
     write_radiance(state, tile, (const float(*)[TILE_PX * TILE_PX])fogged);
-    if (state->frame->inverse_range)
-        fill_ranges(state, tile, triangle);
+    fill_ranges(state, tile, triangle);
     if (!state->plan)
         return;
     note_plane(state, tile, triangle);

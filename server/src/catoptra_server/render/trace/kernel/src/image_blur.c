@@ -27,6 +27,7 @@ typedef struct {
     Floats16 row[CELL_ROWS]; /* of the table, by pixel */
     int reach;               /* half width of the widest one */
     float exchange;          /* most light that a pixel takes from others */
+    float apart;             /* most rows from others */
 } CellKernels;
 
 static int pair_count(int half_width) { return (half_width + 1) * (half_width + 2) / 2; }
@@ -35,24 +36,29 @@ static Floats16 row_of_diameter(Floats16 diameter) {
     return ROWS_PER_PX2 / 16.0f * diameter * diameter;
 }
 
-/* Rows of the table for the pixels of a cell: of the discs of infinity, or of the ranges. */
-static void find_rows(const Pass *pass, const Cell *cell, int is_far, CellKernels *kernels) {
+/* Rows of the table for the pixels of a cell; with ranges also those of the discs of infinity, and
+ * how far they are apart. */
+static void find_rows(const Pass *pass, const Cell *cell, CellKernels *kernels, CellKernels *far) {
     const ImageStage *stage = pass->stage;
     size_t plane = (size_t)pass->job->width * (size_t)pass->job->height;
+    Floats16 last = splat16((float)(stage->num_rows - 1)), apart = {0};
     for (int row = 0; row < cell->rows; row++) {
         size_t first = place_in_map(pass, cell, row);
         Floats16 circle[4];
         for (size_t i = 0; i < (stage->maps[3] ? 4 : 1); i++)
             circle[i] = load_map(stage->maps[1], i * plane + first, cell->columns);
-        kernels->row[row] = circle[0];
+        kernels->row[row] = least16(circle[0], last);
         if (!stage->maps[3])
             continue;
         Floats16 ranges = load_map(stage->maps[3], first, cell->columns);
         Floats16 denominators =
             most16(circle[2] * ranges + circle[3], splat16(MIN_DENOMINATOR));
         Floats16 near = circle[0] + circle[1] / denominators;
-        kernels->row[row] = row_of_diameter(is_far ? circle[0] : near);
+        kernels->row[row] = least16(row_of_diameter(near), last);
+        far->row[row] = least16(row_of_diameter(circle[0]), last);
+        apart = most16(absolute16(kernels->row[row] - far->row[row]), apart);
     }
+    far->apart = most_of16(apart);
 }
 
 static float largest_row(const Cell *cell, const CellKernels *kernels) {
@@ -82,16 +88,6 @@ static void find_reach(const ImageStage *stage, float row, CellKernels *kernels)
     kernels->exchange = 1.0f - table[(size_t)last * (size_t)pairs];
 }
 
-/* Bound of the light from others by which kernels of the table differ in any pixel of a cell. */
-static float bound_difference(const ImageStage *stage, const Cell *cell, const CellKernels *one,
-                              const CellKernels *other) {
-    Floats16 last = splat16((float)(stage->num_rows - 1)), apart = {0};
-    for (int row = 0; row < cell->rows; row++)
-        apart = most16(absolute16(least16(one->row[row], last) - least16(other->row[row], last)),
-                       apart);
-    return stage->numbers[0] * most_of16(apart);
-}
-
 static void find_colour_reach(const ImageStage *stage, CellKernels *kernels) {
     int pairs = pair_count(stage->size);
     const float *weights = stage->maps[0];
@@ -113,7 +109,6 @@ typedef struct {
 
 static TablePlace place_in_table(const ImageStage *stage, Floats16 rows) {
     int pairs = pair_count(stage->size), last = stage->num_rows - 2;
-    rows = least16(rows, splat16((float)(stage->num_rows - 1)));
     Ints16 below = __builtin_convertvector(least16(rows, splat16((float)last)), Ints16);
     TablePlace place = {.fraction = rows - __builtin_convertvector(below, Floats16)};
     for (uint32_t rest = 0xffffu; rest; place.count++) {
@@ -309,15 +304,13 @@ void blur(const Pass *pass, const Cell *cell, CellValues *to) {
         return;
     }
     if (stage->num_rows) {
-        find_rows(pass, cell, 0, &kernels);
+        find_rows(pass, cell, &kernels, &far);
         find_reach(stage, largest_row(cell, &kernels), &kernels);
     } else {
         find_colour_reach(stage, &kernels);
     }
-    if (is_compared) {
-        find_rows(pass, cell, 1, &far);
+    if (is_compared)
         find_reach(stage, largest_row(cell, &far), &far);
-    }
     int reach = kernels.reach > far.reach ? kernels.reach : far.reach;
     range = find_range_around(pass, cell, reach);
     float bound = INFINITY;
@@ -336,7 +329,7 @@ void blur(const Pass *pass, const Cell *cell, CellValues *to) {
     Changes *changes = changes_of(pass, stage);
     float own = bound;
     if (bound < INFINITY) {
-        float light = bound_difference(stage, cell, &kernels, &far) * (range.high - range.low);
+        float light = stage->numbers[0] * far.apart * (range.high - range.low);
         own = fminf(bound, bound_change(stage, (LightChange){range.low, range.high, light}));
     }
     int may_differ = may_tell(stage, &changes->own, own);

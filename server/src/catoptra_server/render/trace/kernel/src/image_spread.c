@@ -134,13 +134,6 @@ static void spread_charge(const Pass *pass, const Cell *cell, int y, Floats16 ch
     }
 }
 
-static int any_overflow(const ChangeMaps *maps, int first_row, int last_row, int column) {
-    for (int row = first_row; row <= last_row; row++)
-        if (maps->overflows[row * maps->cell_columns + column])
-            return 1;
-    return 0;
-}
-
 /* What an earlier stage changes by the overflow of its light: in the pixels that receive some, over
  * the light that they have with the stage or without, the darker of both. */
 static void measure_spill(const Pass *pass, const Cell *cell, int first, int last, Changes *changes,
@@ -149,12 +142,13 @@ static void measure_spill(const Pass *pass, const Cell *cell, int first, int las
     Floats16 received[CELL_ROWS] = {{0}}, largest = {0};
     float known = read_largest(&changes->spilt);
     int pixels = 0;
-    for (int index, y = first * CELL_ROWS; y < (last + 1) * CELL_ROWS; y++)
-        if (maps->overflows[index = y / CELL_ROWS * maps->cell_columns + cell->column] &&
-            y < pass->job->height)
-            spread_charge(pass, cell, y,
-                          load16(maps->excess + (index * CELL_ROWS + y % CELL_ROWS) * CELL_COLUMNS),
-                          received);
+    for (int other = first; other <= last; other++) {
+        int index = other * maps->cell_columns + cell->column;
+        const float *excess = maps->excess + index * CELL_ROWS * CELL_COLUMNS;
+        for (int row = 0; maps->overflows[index] && row < CELL_ROWS; row++)
+            spread_charge(pass, cell, other * CELL_ROWS + row,
+                          load16(excess + row * CELL_COLUMNS), received);
+    }
     for (int row = 0; row < cell->rows; row++) {
         /* With their own changes any of them may be visible. */
         Ints16 changed = columns_below(cell->columns) & (received[row] > 0.0f);
@@ -179,7 +173,7 @@ static void measure_spills(const Pass *pass, const Cell *cell, int first, int la
     if (!pass->changes)
         return;
     for (Changes *one = pass->changes; one < changes_of(pass, pass->stage); one++)
-        if (one->own.maps.excess && any_overflow(&one->own.maps, first, last, cell->column))
+        if (one->own.maps.excess)
             measure_spill(pass, cell, first, last, one, light, overflow);
 }
 

@@ -195,9 +195,7 @@ static int is_free(const Scene *scene, const Shaft *shaft, const BvhNode *nodes,
             int32_t child = node->child[__builtin_ctz(inside)];
             if (child >= 0)
                 stack[height++] = child;
-            else if (!leaves)
-                return 0;
-            else if (!is_leaf_free(scene, shaft, leaves + ~child, surface)) {
+            else if (!leaves || !is_leaf_free(scene, shaft, leaves + ~child, surface)) {
                 *blocker = -child;
                 return 0;
             }
@@ -211,6 +209,7 @@ static int is_way_free(const FrameState *state, const Light *light, int32_t tria
     const Scene *scene = state->scene;
     const Bvh *casters = scene->casters ? &scene->casters->bvh : &scene->mesh->bvh;
     const BvhNode *objects = object_nodes(state);
+    int32_t object;
     Shaft shaft;
     /* Where coordinates are too large for floats, rays decide. */
     if (has_origin(state) || casters->fine_leaves ||
@@ -219,7 +218,7 @@ static int is_way_free(const FrameState *state, const Light *light, int32_t tria
         return 0;
     return (!casters->num_nodes || is_free(scene, &shaft, casters->nodes, casters->leaves,
                                            scene->surfaces.surface[triangle], blocker)) &&
-           (!objects || is_free(scene, &shaft, objects, NULL, -1, NULL));
+           (!objects || is_free(scene, &shaft, objects, NULL, -1, &object));
 }
 
 uint32_t find_free_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4],

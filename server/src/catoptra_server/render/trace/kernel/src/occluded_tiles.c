@@ -111,8 +111,7 @@ static void write_factors(const FrameState *state, int tile, int32_t triangle,
     note_light(state, triangle, 0xffff, (const float(*)[BLOCK_RAYS])radiance,
                (const float(*)[BLOCK_RAYS])sky, factors);
     write_radiance(state, tile, (const float(*)[BLOCK_RAYS])radiance);
-    if (state->frame->inverse_range)
-        fill_ranges(state, tile, triangle);
+    fill_ranges(state, tile, triangle);
     if (!state->plan)
         return;
     note_plane(state, tile, triangle);

@@ -62,6 +62,8 @@ void find_inverse_ranges(const RayBlock *rays, const HitBlock *hits, float inver
 
 void fill_ranges(const FrameState *state, int tile, int32_t triangle) {
     float sums[TILE_PX * TILE_PX] = {0};
+    if (!state->frame->inverse_range)
+        return;
     if (triangle >= 0 && (state->rays->origins || state->rays->times))
         add_single_inverses(state, tile, triangle, sums);
     else if (triangle >= 0)

@@ -13,7 +13,7 @@
 /* Inverse distances of a block's hits, which limit its rays, 1/m; 0 without a hit. */
 void find_inverse_ranges(const RayBlock *rays, const HitBlock *hits, float inverse[BLOCK_RAYS]);
 
-/* Inverse ranges of a tile that one plane fills, into the frame. */
+/* Inverse ranges of a tile that one plane fills, into the frame, if these are wanted. */
 void fill_ranges(const FrameState *state, int tile, int32_t triangle);
 
 /* Sums of all samples' inverse ranges, of 16 pixels, as their means into the frame. */

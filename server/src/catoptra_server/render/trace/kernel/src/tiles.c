@@ -240,8 +240,7 @@ static void fill_tile(const FrameState *state, int tile, const TileContent *cont
     if (state->frame->measures_fog && has_fog(state))
         note_change(state, &state->measures->fog, pixels.rows * pixels.columns, light->radiance,
                     vec3(scene->sharp_radiance + 3 * entry));
-    if (state->frame->inverse_range)
-        fill_ranges(state, tile, content->triangle);
+    fill_ranges(state, tile, content->triangle);
     if (!state->plan)
         return;
     note_plane(state, tile, content->triangle);
@@ -783,8 +782,7 @@ static int fill_textured_tile(const FrameState *state, int tile, const TileConte
     if (finds_shadow_change(state) && max_abs(light.lost) > 0.0f)
         note_changes(state, tile, &state->measures->shadow, &sums, &unshadowed);
     write_pixels(state, tile, &sums);
-    if (state->frame->inverse_range)
-        fill_ranges(state, tile, content->triangle);
+    fill_ranges(state, tile, content->triangle);
     return 1;
 }
 
@@ -803,8 +801,7 @@ static int fill_sky_tile(const FrameState *state, int tile, const TileContent *c
         add_samples(state, block, 0xffff, radiance, &sums);
     }
     write_pixels(state, tile, &sums);
-    if (state->frame->inverse_range)
-        fill_ranges(state, tile, content->triangle);
+    fill_ranges(state, tile, content->triangle);
     return 1;
 }
 
