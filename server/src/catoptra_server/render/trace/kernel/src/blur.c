@@ -319,10 +319,11 @@ static void write_units(const BlurTile *blur) {
             float sharp[3];
             for (int channel = 0; one->is_wanted && channel < 3; channel++) {
                 sharp[channel] = sharp_mean(blur, unit, channel, pixel);
-                if (one->is_changed)
+                /* In place of gathered light, too. */
+                if (one->is_changed || is_gathered)
                     sums.sum[channel][at] = samples * one->mean[channel][pixel];
                 /* For the pass that draws the gathered cells. */
-                if (one->is_changed && is_gathered)
+                if (is_gathered)
                     known[channel * BLOCK_RAYS + at] = one->mean[channel][pixel];
             }
             if (one->is_wanted)

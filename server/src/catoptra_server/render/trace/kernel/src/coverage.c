@@ -488,11 +488,8 @@ static void prove_light(Search *search, const BeamSides *sides, Part *part) {
         LightProof proof = prove_lights(state, triangle, corners, known);
         part->content.proof.hidden |= proof.hidden;
         part->content.proof.seen |= proof.seen;
-        /* The plan of a moving frame chooses its tiles by what maps prove. */
-        if (!state->plan)
-            part->content.proof.seen |=
-                find_free_lights(state, triangle, corners, known | proof.seen | proof.hidden,
-                                 search->blockers);
+        part->content.proof.seen |= find_free_lights(
+            state, triangle, corners, known | proof.seen | proof.hidden, search->blockers);
     }
     if (may_be_open(search, part)) {
         SkyView view = find_sky_view(state->scene, triangle, corners);
