@@ -50,12 +50,9 @@ static int begins_pass(const ImageStage *stage) {
 
 /* The three colours of a cell behind the pass's stage that reads others. */
 static void begin_cell(const Pass *pass, const Cell *cell, CellValues *values) {
-    const ImageStage *stage = pass->stage;
     values->planes = 3;
-    /* Light is mixed of no other than that within a stage's reach. */
-    int is_mixed = stage && stage->kind >= STAGE_BLUR && stage->kind <= STAGE_MAGNIFY;
-    if (stage && !(is_mixed && find_range_around(pass, cell, stage->size).is_black))
-        SPREADS[stage->kind](pass, cell, values);
+    if (pass->stage)
+        SPREADS[pass->stage->kind](pass, cell, values);
     else
         load_cell(pass, cell, values);
 }
@@ -341,8 +338,8 @@ static size_t lay_out_pass(const ImageJob *job, char *scratch, Pass *pass) {
     pass->from.values = take_memory(scratch, &taken, plane_bytes);
     pass->to.values = take_memory(scratch, &taken, plane_bytes);
     pass->mosaic.values = take_memory(scratch, &taken, sizeof(float) * pass->mosaic.plane);
-    pass->ranges = take_memory(scratch, &taken, sizeof(CellRange) * 2 * cells);
-    pass->next_ranges = scratch ? pass->ranges + cells : NULL;
+    pass->ranges = take_memory(scratch, &taken, sizeof(CellRange) * cells);
+    pass->next_ranges = take_memory(scratch, &taken, sizeof(CellRange) * cells);
     pass->row_sums =
         take_memory(scratch, &taken, sizeof(double) * rows * (size_t)(1 + job->num_stages));
     pass->changes = take_memory(scratch, &taken, sizeof(Changes) * (size_t)job->num_stages);
@@ -359,8 +356,6 @@ int64_t catoptra_image_scratch(const ImageJob *job) {
 /* Run a job's passes in laid out scratch memory, by all threads of a device, or by this one. */
 static void run_passes(Device *device, ImageJob *job, Pass *pass) {
     Pass before;
-    size_t cells = (size_t)pass->cell_rows * (size_t)pass->cell_columns;
-    memset(pass->ranges, 0, sizeof(CellRange) * 2 * cells);
     memset(pass->changes, 0, sizeof(Changes) * (size_t)job->num_stages);
     lay_out_maps(pass, pass->maps, &pass->maps_bytes);
     memset(pass->maps, 0, pass->maps_bytes);

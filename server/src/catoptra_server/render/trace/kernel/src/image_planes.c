@@ -18,7 +18,6 @@ CellRange find_range_around(const Pass *pass, const Cell *cell, int reach) {
             CellRange one = pass->ranges[row * pass->cell_columns + column];
             all.low = one.low < all.low ? one.low : all.low;
             all.high = one.high > all.high ? one.high : all.high;
-            all.is_black &= one.is_black;
         }
     return all;
 }
@@ -53,10 +52,6 @@ static void load_light(const Pass *pass, const Cell *cell, CellValues *values) {
 void load_cell(const Pass *pass, const Cell *cell, CellValues *values) {
     if (pass->is_first) {
         load_light(pass, cell, values);
-        return;
-    }
-    if (pass->ranges[cell->row * pass->cell_columns + cell->column].is_black) {
-        memset(values->values, 0, sizeof values->values);
         return;
     }
     for (int channel = 0; channel < 3; channel++)
@@ -94,15 +89,13 @@ void sum_luminance(const Pass *pass, const Cell *cell, const CellValues *values,
 
 static CellRange find_range(const CellValues *values, const Cell *cell) {
     Floats16 low = splat16(values->values[0][0][0]), high = low;
-    Ints16 bits = {0};
     for (int channel = 0; channel < 3; channel++)
         for (int row = 0; row < cell->rows; row++) {
             Floats16 light = load_columns(values->values[channel][row], cell->columns);
             low = least16(light, low);
             high = most16(light, high);
-            bits |= (Ints16)light;
         }
-    return (CellRange){least_of16(low), most_of16(high), !bits16(bits != 0)};
+    return (CellRange){least_of16(low), most_of16(high)};
 }
 
 /* Repeat the image's edge beside a row: the last cell may reach farther than the border proper. */
@@ -115,18 +108,15 @@ static void fill_sides(const Planes *planes, const Cell *cell, float *row) {
             row[x] = row[planes->width - 1];
 }
 
-/* What is black and was it two passes before is there already. */
 static void store_planes(const Pass *pass, const Cell *cell, const CellValues *values) {
-    CellRange *range = pass->next_ranges + cell->row * pass->cell_columns + cell->column;
-    int was_black = range->is_black;
-    *range = find_range(values, cell);
-    for (int channel = 0; channel < 3 && !(was_black && range->is_black); channel++)
+    for (int channel = 0; channel < 3; channel++)
         for (int row = 0; row < cell->rows; row++) {
             float *to = row_at(&pass->to, channel, cell->top + row);
             FETCH_AHEAD(to + cell->left, 1);
             store16(load16(values->values[channel][row]), to + cell->left);
             fill_sides(&pass->to, cell, to);
         }
+    pass->next_ranges[cell->row * pass->cell_columns + cell->column] = find_range(values, cell);
 }
 
 /* A pixel measures at most a full well. Beside the edge the image is mirrored about its last pixel,

@@ -24,10 +24,9 @@ typedef struct {
     float *values;           /* with the border */
 } Planes;
 
-/* Extremes of the three colours of each cell, and whether all are zero, of no sign. */
+/* Extremes of the three colours of each cell. */
 typedef struct {
     float low, high;
-    int32_t is_black;
 } CellRange;
 
 typedef struct {
