@@ -281,9 +281,12 @@ def test_blur_that_gathered_light_does_not_show_is_stated_where_edges_jump_over_
     start = Pose.from_rpy((-73.0, -75.2, -0.6), (0.0, 0.0, -1.9))
     state = driving_camera_state(start, 0.05, 1.2)
     request = TraceRequest(is_linear=True, thresholds={"MotionBlur": Threshold(1.0)})
+    with open_rays("airfield", 2, threads=1) as rays:
+        alone = rays.render(replace(state, shutter=BLUR), request)
     with open_rays("airfield", 2) as rays:
         frame = rays.render(replace(state, shutter=BLUR), request)
         sharp, mean = rays.render_linear(state), mean_frame(rays, state, 0.0, 64)
+    np.testing.assert_array_equal(frame.image, alone.image)
     truth = measure_change(mean, sharp.astype(np.float64)).largest
     assert truth > 3.0
     assert frame.changes["MotionBlur"].largest > 0.75 * truth

@@ -6,7 +6,8 @@ than its neighbour. The result is the state at which a control loop settles, not
 depends on no frame before, so equal camera states give equal bytes in every request. Domain: a
 black image has max_gain. The default target is the 18 % of a photographer's grey card. Criterion:
 the change of the grey that changes most, over all gains that the scene's radiance allows. Changes
-by earlier effects count by the gain that a sample of the frame's light gives, with a reserve.
+by earlier effects count by the gain that a sample of the frame's light gives, with a reserve; those
+by factors of light (reflectance, vignetting, exposure) by the gains with the factor and without.
 """
 
 from __future__ import annotations

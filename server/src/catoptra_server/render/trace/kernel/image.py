@@ -6,9 +6,9 @@ are such a share. The kernel leaves plain each cell of 16 x 8 px that a stage ca
 than its plain change; the largest change and the pixels that change visibly are the same for any
 number of threads. Before a mosaic it computes the colours that the mosaic keeps, and measures
 those; the mosaic's own change is then measured up to its limits, and infinite beyond: seen, but not
-how much. Where a first blur by range changes light by more than its limit, what the stages of the
-lens leave of it decides. Effects without a stage are applied by their own
-formula, in their place in the order.
+how much. Where a first blur by range changes light by more than its limit, what lens, sensor and
+response leave of it decides; a factor of light is measured behind the automatic exposure that
+follows it. Effects without a stage are applied by their own formula, in their place in the order.
 
 To give an effect native code: a kind in `src/image.h`, its C code, and a function in STAGE_MAKERS.
 Maps are cached by effect and camera; a stage keeps the arrays that the kernel reads.

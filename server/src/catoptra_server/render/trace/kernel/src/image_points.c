@@ -257,11 +257,12 @@ const ImageStage *find_exposure(const ImageJob *job, const ImageStage *stage) {
 void visit_factors(const Pass *pass, const ImageStage *automatic, const Cell *cell,
                    const CellValues *with) {
     for (const ImageStage *one = pass->job->stages; one < automatic; one++) {
-        CellValues without = {.planes = with->planes};
-        ImageStage behind = *automatic;
-        behind.limits = one->limits;
         if (!is_measured(pass, one) || find_exposure(pass->job, one) != automatic)
             continue;
+        CellValues without;
+        without.planes = with->planes;
+        ImageStage behind = *automatic;
+        behind.limits = one->limits;
         Changes *changes = changes_of(pass, one);
         int is_exposed = automatic < pass->points + pass->num_points;
         float gain = find_auto_gain(automatic, changes->mean_luminance) /
