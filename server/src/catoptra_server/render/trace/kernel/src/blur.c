@@ -189,7 +189,7 @@ static void blur_units(BlurTile *blur, int min_steps) {
             if (!one->is_active)
                 continue;
             float change = update_means(blur, one, steps);
-            float tolerance = steps > 2 ? fmaxf(unseen, TOLERANCE) : FIRST_TOLERANCE;
+            float tolerance = fmaxf(unseen, steps > 2 ? TOLERANCE : FIRST_TOLERANCE);
             int is_done = steps >= min_steps && change <= tolerance;
             one->is_changed |= steps > 2 || change > unseen;
             one->is_active = !is_done && 2 * steps <= frame->max_instants;

@@ -26,7 +26,7 @@ enum { REACH_LEVELS = 6, CHANNELS = 3, CELLS = 2, CELL_PIXELS = 4 };
  * the farthest, so that these bound its change with half a pixel of reserve; 0: it goes farther. */
 enum { NEAR = 1 << CELLS * CELLS, MAX_NEAR = 2, AROUND = TILE_PX + 2 * MAX_NEAR };
 /* Where light is gathered: contrast times what parts of it move apart by at most, levels times px;
- * and doubt, levels or a quarter of what may be left out. With these at most 0.74 % of the pixels
+ * and doubt, levels or half of what may be left out. With these at most 0.74 % of the pixels
  * of six worlds differ by more than 2 levels from 64 frames, and 0.08 % by more than 8
  * (tests/measurements/shutter_rows.py). */
 #define MAX_APART 4.0f
@@ -705,7 +705,7 @@ static int gather_cells(const FrameState *state, int tile, int cells,
     float *blurred = plan->blurred + (size_t)tile * CHANNELS * BLOCK_RAYS;
     float path[2], apart = find_path(state, number, path);
     float means[CHANNELS][BLOCK_RAYS], doubts[CHANNELS][BLOCK_RAYS];
-    float tolerance = fmaxf(MAX_DOUBT, 0.25f * state->frame->blur_threshold);
+    float tolerance = fmaxf(MAX_DOUBT, 0.5f * state->frame->blur_threshold);
     if (!(fmaxf(fabsf(path[0]), fabsf(path[1])) <= MAX_PATH_PX))
         return 0;
     for (int cell = 0; cell < CELLS * CELLS; cell++)
