@@ -392,10 +392,10 @@ void blur_tile(const FrameState *state, int tile, const TileContent *content, in
         return;
     if (is_single_radiance(state, tile, &lit))
         return;
-    FrameState known = *state;
-    known.known = find_known_lights(state, tile);
+    FrameState here = *state;
+    here.known = find_known_lights(state, tile);
     BlurTile blur; /* not initialized: its units are large */
-    blur.state = &known;
+    blur.state = &here;
     blur.tile = tile;
     blur.top = number / state->rays->tile_columns * TILE_PX;
     blur.order = state->is_rolling ? &state->view->by_row : &state->view->by_cell;
