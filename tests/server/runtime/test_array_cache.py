@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import os
 from pathlib import Path
 
@@ -24,6 +25,20 @@ def test_arrays_are_read_back(tmp_path: Path) -> None:
         assert not array.flags.writeable
     ArrayCache(None).write("one", ARRAYS)
     assert ArrayCache(None).read("one", 2) is None
+
+
+def test_arrays_are_read_without_a_parser_of_python(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Two threads of CPython 3.11.7 may fail in it: AST constructor recursion depth mismatch.
+    def refuse(source: object, *_: object, **__: object) -> object:
+        raise SystemError(f"{source!r} is parsed")
+
+    cache = ArrayCache(tmp_path)
+    cache.write("one", ARRAYS)
+    with monkeypatch.context() as patch:
+        patch.setattr(builtins, "compile", refuse)
+        assert cache.read("one", 2) is not None
 
 
 def spoil(content: bytes) -> dict[str, bytes]:
@@ -68,7 +83,7 @@ def test_file_that_was_not_used_for_the_longest_time_goes_first(tmp_path: Path) 
     cache = ArrayCache(tmp_path, max_bytes=4500)
     for age, key in enumerate(("used", "old", "new")):
         cache.write(key, ARRAYS)
-        os.utime(tmp_path / f"{key}.bin", (age, age))
+        os.utime(tmp_path / f"{key}.arrays", (age, age))
     assert cache.read("used", 2) is not None
     cache.write("newest", ARRAYS)
     assert {file.stem for file in tmp_path.iterdir()} == {"used", "new", "newest"}

@@ -10,7 +10,7 @@ processes may share a folder.
 from __future__ import annotations
 
 import hashlib
-import io
+import json
 import logging
 import os
 from collections.abc import Sequence
@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.lib.format import read_array
 from numpy.typing import NDArray
 
 from catoptra_protocol.slotted_dataclass import dataclass
@@ -28,6 +27,7 @@ from catoptra_protocol.slotted_dataclass import dataclass
 log = logging.getLogger(__name__)
 
 _DIGEST_BYTES = 32
+_SUFFIX = ".arrays"
 # Of some hundred worlds; a file is at most a half.
 MAX_FOLDER_BYTES = 256 * 2**20
 
@@ -59,7 +59,7 @@ class ArrayCache:
         """
         if self.folder is None:
             return None
-        file = self.folder / f"{key}.bin"
+        file = self.folder / f"{key}{_SUFFIX}"
         try:
             # A larger file was not written here.
             with file.open("rb") as opened:
@@ -67,9 +67,17 @@ class ArrayCache:
             body = memoryview(content)[_DIGEST_BYTES:]
             if hashlib.sha256(body).digest() != content[:_DIGEST_BYTES]:
                 raise ValueError("its digest differs")
-            # One after the other: an archive of NumPy's takes a module of 2 ms.
-            stream = io.BytesIO(body)
-            arrays = tuple(read_array(stream, allow_pickle=False) for _ in range(count))
+            # NumPy's own format has a header in Python, which CPython up to 3.11.7 and 3.12.1 may
+            # fail to parse in two threads at once (gh-106905).
+            header_bytes = content.index(b"\n", _DIGEST_BYTES) + 1
+            arrays, start = [], header_bytes
+            for data_type, shape in json.loads(content[_DIGEST_BYTES:header_bytes]):
+                # A copy, because what it is in need not lie on a multiple of its elements' size.
+                arrays.append(np.ndarray(shape, data_type, content, start).copy())
+                arrays[-1].setflags(write=False)
+                start += arrays[-1].nbytes
+            if len(arrays) != count:
+                raise ValueError(f"{len(arrays)} arrays instead of {count}")
         # Absent; or not readable, of which the next write warns if it fails, too.
         except OSError:
             return None
@@ -77,23 +85,19 @@ class ArrayCache:
         except (ValueError, TypeError) as error:
             _warn(file, f"{file} cannot be used, and is computed anew: {error}")
             return None
-        for array in arrays:
-            array.setflags(write=False)
         # The order in which files are removed; where it cannot be written, nothing is removed.
         with suppress(OSError):
             os.utime(file)
-        return arrays
+        return tuple(arrays)
 
     def write(self, key: str, arrays: Sequence[NDArray[Any]]) -> None:
         """Store arrays under a key, atomically, and remove the oldest files beyond the limit."""
         if self.folder is None:
             return
-        stream = io.BytesIO()
-        for array in arrays:
-            np.save(stream, array, allow_pickle=False)
-        body = stream.getbuffer()
+        header = json.dumps([(array.dtype.str, array.shape) for array in arrays]).encode() + b"\n"
+        body = b"".join((header, *(array.tobytes() for array in arrays)))
         if _DIGEST_BYTES + len(body) <= self.max_bytes // 2:
-            file = self.folder / f"{key}.bin"
+            file = self.folder / f"{key}{_SUFFIX}"
             write_cache_file(file, hashlib.sha256(body).digest() + body)
             self._remove_oldest(file)
 
