@@ -280,6 +280,7 @@ typedef struct {
     const CandidateList *candidates;
     TileContent content;
     int is_hidden; /* no part of it shows an open part of its surface */
+    uint32_t faint; /* lamps that are left to rays, to which hardly any is cast */
 } Part;
 
 /* Of a list's flat surfaces: the planes of the edges that bound them, in a beam. */
@@ -459,7 +460,9 @@ static int is_unlit(const Search *search, const Part *part) {
     int is_moving = search->state->shift > 0.0f || search->state->turn > 0.0f;
     return search->state->frame->has_shadows && part->content.triangle >= 0 &&
            !is_moving &&
-           !is_light_proven(search->state, part->content.triangle, part->content.proof);
+           !is_light_proven(search->state, part->content.triangle,
+                            (LightProof){part->content.proof.seen | part->faint,
+                                         part->content.proof.hidden});
 }
 
 static int may_be_open(const Search *search, const Part *part) {
@@ -484,7 +487,9 @@ static void prove_light(Search *search, const BeamSides *sides, Part *part) {
     Vec3 corners[4];
     find_quad(state, sides, triangle, corners);
     if (is_unlit(search, part)) {
-        uint32_t known = part->content.proof.seen | part->content.proof.hidden;
+        uint32_t known = part->content.proof.seen | part->content.proof.hidden | part->faint;
+        part->faint |= find_faint_lamps(state, triangle, corners, known);
+        known |= part->faint;
         LightProof proof = prove_lights(state, triangle, corners, known);
         part->content.proof.hidden |= proof.hidden;
         part->content.proof.seen |= proof.seen;
@@ -566,7 +571,7 @@ static void render_beam(Search *search, const View *view, Part part) {
         render_beam(search, view,
                     (Part){part.level - 1, 2 * part.row + quarter / 2,
                            2 * part.column + quarter % 2, part.candidates, part.content,
-                           part.is_hidden});
+                           part.is_hidden, part.faint});
 }
 
 void aim_search(Search *search, const FrameState *state, const CandidateList *objects,
@@ -580,6 +585,6 @@ int render_part(Search *search, const View *view, int part) {
     int level = BEAM_LEVELS - 1, columns = view->levels[level].columns;
     search->num_filled = 0;
     render_beam(search, view, (Part){level, part / columns, part % columns, search->objects,
-                                     UNKNOWN_CONTENT, 0});
+                                     UNKNOWN_CONTENT, 0, 0});
     return search->num_filled;
 }

@@ -18,6 +18,9 @@
 /* The steepest part of the sRGB curve, and the factor of x^(-7/12) in the slope of the rest. */
 #define STEEPEST 12.92f
 #define SLOPE 0.4396f
+#ifndef FAINT_SHARE_INV
+#define FAINT_SHARE_INV 2.0f
+#endif
 
 /* A light as 16 points see it. */
 typedef struct {
@@ -125,6 +128,45 @@ int sees_all_lights(const FrameState *state, const RayBlock *rays, const HitBloc
         }
     }
     return 1;
+}
+
+/* How much light nobody misses in a radiance x: see allow_unseen. */
+static float allow_light(const FrameState *state, float radiance) {
+    float gain = state->frame->largest_gain, x = fminf(gain * radiance, 1.0f);
+    float root = sqrtf(x), curved = root * sqrtf(sqrtf(root)) * (1.0f / SLOPE);
+    return UNSEEN_PART * state->frame->limits.plain_change / (255.0f * gain) *
+           fmaxf(curved, 1.0f / STEEPEST);
+}
+
+uint32_t find_faint_lamps(const FrameState *state, int32_t triangle, const Vec3 corners[4],
+                          uint32_t others) {
+    const Frame *frame = state->frame;
+    const MeshArrays *mesh = &state->scene->mesh->arrays;
+    uint32_t found = 0;
+    if (!(frame->has_shadows && frame->measures_shadows && frame->limits.plain_change > 0.0f))
+        return 0;
+    Vec3 albedo = vec3(mesh->albedo + 3 * (size_t)triangle);
+    Vec3 ambient = vec3(state->scene->ambient_radiance + 3 * (size_t)triangle);
+    Vec3 middle = scale(0.25f, add(add(corners[0], corners[1]), add(corners[2], corners[3])));
+    float radius = 0.0f;
+    for (int i = 0; i < 4; i++) {
+        Vec3 to = subtract(corners[i], middle);
+        radius = fmaxf(radius, sqrtf(dot(to, to)));
+    }
+    for (int number = 0; number < state->scene->num_lights && number < 32; number++) {
+        const Light *light = &state->scene->lights[number];
+        if (others >> number & 1 || light->kind != LIGHT_POINT)
+            continue;
+        Vec3 to = subtract(vec3(light->vector), middle);
+        float height = find_incidence(state, light, triangle);
+        float distance = fmaxf(fmaxf(sqrtf(dot(to, to)) - radius, height), 0.1f);
+        float factor = height / (distance * distance * distance);
+        Vec3 seen = scale(FAINT_SHARE_INV * factor, multiply(albedo, vec3(light->intensity)));
+        if (height > 0.0f && seen.x <= allow_light(state, ambient.x) &&
+            seen.y <= allow_light(state, ambient.y) && seen.z <= allow_light(state, ambient.z))
+            found |= 1u << number;
+    }
+    return found;
 }
 
 /* The curve is concave: light s changes x by at most its slope there times s; x^(5/8) is less than

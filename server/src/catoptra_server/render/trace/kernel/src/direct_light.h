@@ -42,6 +42,11 @@ typedef struct {
  * the rays' limits are the distances of their hits. */
 int sees_all_lights(const FrameState *state, const RayBlock *rays, const HitBlock *hits);
 
+/* Lamps, of the first 32 and other than those of a mask, whose light on the part of a static facet
+ * between four points is so faint that hardly any ray to them is cast. */
+uint32_t find_faint_lamps(const FrameState *state, int32_t triangle, const Vec3 corners[4],
+                          uint32_t others);
+
 /* Add the light of one directional or point light to the lit rays, and what is occluded to `lost`,
  * which may be NULL. No ray is cast to lamps that `unseen` allows. */
 void add_light(const FrameState *state, int light, const RayBlock *rays, const HitBlock *hits,
