@@ -175,21 +175,31 @@ static void look_up_points(const FrameState *state, const LightMap *map, const H
         tolerance = map->tolerance * height * height;
         rays &= bits16(tolerance < MAX_ERROR * absolute16(height));
     }
-    int32_t cells[BLOCK_RAYS];
-    float low[BLOCK_RAYS], high[BLOCK_RAYS];
-    store16(height - 2.0f * tolerance, low);
-    store16(height + 2.0f * tolerance, high);
+    int32_t cells[BLOCK_RAYS], surfaces[BLOCK_RAYS], above[BLOCK_RAYS];
+    float covers[BLOCK_RAYS], heights[BLOCK_RAYS], seconds[BLOCK_RAYS], objects[BLOCK_RAYS];
+    const float *object_heights = state->object_heights ? state->object_heights + map->first_cell
+                                                        : NULL;
     store_ints16(cells_of(map, y, map->top) * map->side + cells_of(map, x, map->left), cells);
-    for (; rays; rays &= rays - 1) {
-        int lane = __builtin_ctz(rays);
-        int32_t surface = hits->object[lane] == OBJECT_STATIC
-                              ? state->scene->surfaces.surface[hits->triangle[lane]]
-                              : -2;
-        int known = find_in_cell(state, map, cells[lane], surface, low[lane], high[lane]);
-        found->hidden |= (uint32_t)(known == LIGHT_HIDDEN) << lane;
-        found->behind_objects |= (uint32_t)(known == LIGHT_BEHIND_OBJECTS) << lane;
-        found->unknown &= ~((uint32_t)(known != LIGHT_UNKNOWN) << lane);
+    /* Without a branch: neighbours agree too seldom for one to be foreseen. */
+    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
+        const MapCell *cell = &map->cells[cells[lane]];
+        covers[lane] = cell->cover;
+        heights[lane] = cell->height;
+        seconds[lane] = cell->second;
+        above[lane] = cell->surface;
+        objects[lane] = object_heights ? object_heights[cells[lane]] : -INFINITY;
+        surfaces[lane] = rays >> lane & 1 && hits->object[lane] == OBJECT_STATIC
+                             ? state->scene->surfaces.surface[hits->triangle[lane]]
+                             : -2;
     }
+    Floats16 low = height - 2.0f * tolerance, high = height + 2.0f * tolerance;
+    uint32_t hidden = bits16(load16(covers) > high) & rays;
+    Ints16 is_own = load_ints16(above) == load_ints16(surfaces);
+    Floats16 others = select16(is_own, load16(seconds), load16(heights));
+    uint32_t seen = bits16(others < low) & rays & ~hidden;
+    found->hidden |= hidden;
+    found->behind_objects |= seen & ~bits16(load16(objects) < low);
+    found->unknown &= ~(hidden | seen);
 }
 
 Uncertainty find_light(const FrameState *state, int light, const HitBlock *hits,

@@ -216,9 +216,9 @@ static int is_way_free(const FrameState *state, const Light *light, int32_t tria
         !aim_shaft(state, light, triangle, corners,
                    fmaxf(casters->largest, scene->mesh->bvh.largest), &shaft))
         return 0;
-    return (!casters->num_nodes || is_free(scene, &shaft, casters->nodes, casters->leaves,
-                                           scene->surfaces.surface[triangle], blocker)) &&
-           (!objects || is_free(scene, &shaft, objects, NULL, -1, &object));
+    return (!objects || is_free(scene, &shaft, objects, NULL, -1, &object)) &&
+           (!casters->num_nodes || is_free(scene, &shaft, casters->nodes, casters->leaves,
+                                           scene->surfaces.surface[triangle], blocker));
 }
 
 uint32_t find_free_lights(const FrameState *state, int32_t triangle, const Vec3 corners[4],
