@@ -49,13 +49,34 @@ static float sharp_mean(const BlurTile *blur, int unit, int channel, int pixel) 
                                     blur->order->pixel[unit][pixel]];
 }
 
+static void find_sharp(const BlurTile *blur, int unit, float sharp[3][TILE_PX * TILE_PX]) {
+    memset(sharp, 0, sizeof(float) * 3 * TILE_PX * TILE_PX);
+    for (int channel = 0; channel < 3; channel++)
+        for (int pixel = 0; pixel < blur->order->pixels; pixel++)
+            sharp[channel][pixel] = sharp_mean(blur, unit, channel, pixel);
+}
+
+/* Largest change of a unit's pixels, of which all others are 0. */
+static float find_unit_change(const BlurTile *blur, const float one[3][TILE_PX * TILE_PX],
+                              const float other[3][TILE_PX * TILE_PX]) {
+    const Frame *frame = blur->state->frame;
+    float few[2][BLOCK_RAYS] = {{0}}, changes[BLOCK_RAYS];
+    for (int i = 0; i < 12; i++) {
+        few[0][i] = one[i / 4][i % 4];
+        few[1][i] = other[i / 4][i % 4];
+    }
+    if (blur->order->pixels > 4)
+        find_colour_changes(frame, one, other, changes);
+    else
+        find_level_changes(frame, few[0], few[1], changes);
+    return most_of16(load16(changes));
+}
+
 static void begin_unit(BlurTile *blur, int unit) {
     Unit *one = &blur->units[unit];
     memset(one->ends, 0, sizeof one->ends);
-    for (int channel = 0; channel < 3; channel++)
-        for (int pixel = 0; pixel < blur->order->pixels; pixel++)
-            one->inner[channel][pixel] = one->mean[channel][pixel] =
-                sharp_mean(blur, unit, channel, pixel);
+    find_sharp(blur, unit, one->mean);
+    memcpy(one->inner, one->mean, sizeof one->inner);
 }
 
 /* A unit's pixels at one instant, with and without shadows. */
@@ -83,12 +104,12 @@ static void add_to_instant(const BlurTile *blur, uint32_t active,
 
 static void note_instant(const BlurTile *blur, const Instant *sums, Unit *one) {
     ChangeMeasure *measure = &blur->state->measures->shadow;
-    for (int pixel = 0; sums->differs && pixel < blur->order->pixels; pixel++) {
-        float change = colour_change(blur->state->frame, get_lane(sums->shown, pixel),
-                                     get_lane(sums->unshadowed, pixel));
-        raise_largest(measure, change);
-        one->shadowed |= (uint32_t)(change > unseen_levels(blur->state, measure)) << pixel;
-    }
+    if (!sums->differs)
+        return;
+    float changes[BLOCK_RAYS];
+    find_colour_changes(blur->state->frame, sums->shown, sums->unshadowed, changes);
+    raise_largest(measure, most_of16(load16(changes)));
+    one->shadowed |= bits16(load16(changes) > unseen_levels(blur->state, measure));
 }
 
 /* Sums of a unit's samples at an instant, added to its means. */
@@ -146,16 +167,13 @@ static void sample_instant(BlurTile *blur, float phase, int is_end) {
 
 /* Means by the trapezoidal rule over `steps` parts of the exposure, and their largest change. */
 static float update_means(const BlurTile *blur, Unit *one, int steps) {
-    float change = 0.0f;
+    float before[3][TILE_PX * TILE_PX];
+    memcpy(before, one->mean, sizeof before);
     for (int channel = 0; channel < 3; channel++)
-        for (int pixel = 0; pixel < blur->order->pixels; pixel++) {
-            float mean = (one->inner[channel][pixel] + 0.5f * one->ends[channel][pixel]) /
-                         (float)steps;
-            change =
-                fmaxf(change, level_change(blur->state->frame, mean, one->mean[channel][pixel]));
-            one->mean[channel][pixel] = mean;
-        }
-    return change;
+        for (int pixel = 0; pixel < blur->order->pixels; pixel++)
+            one->mean[channel][pixel] =
+                (one->inner[channel][pixel] + 0.5f * one->ends[channel][pixel]) / (float)steps;
+    return find_unit_change(blur, one->mean, before);
 }
 
 /* Instants at all multiples of 1 / steps that no coarser division had. */
@@ -222,13 +240,9 @@ static int integrate_unit(BlurTile *blur, const FrameState *still, const MovingS
 
 /* Largest change of a unit's pixels from the sharp frame. */
 static float measure_change(const BlurTile *blur, int unit) {
-    float change = 0.0f;
-    for (int channel = 0; channel < 3; channel++)
-        for (int pixel = 0; pixel < blur->order->pixels; pixel++)
-            change = fmaxf(change, level_change(blur->state->frame,
-                                                blur->units[unit].mean[channel][pixel],
-                                                sharp_mean(blur, unit, channel, pixel)));
-    return change;
+    float sharp[3][TILE_PX * TILE_PX];
+    find_sharp(blur, unit, sharp);
+    return find_unit_change(blur, blur->units[unit].mean, sharp);
 }
 
 /* What the units show during one exposure. */
@@ -300,7 +314,7 @@ static void blur_listed_rows(BlurTile *blur, int steps) {
 }
 
 /* Means of the units into the image; how much they change it. */
-static void write_units(const BlurTile *blur) {
+static void write_units(BlurTile *blur) {
     const FrameState *state = blur->state;
     PixelSums sums;
     /* write_pixels divides by the number of a sharp frame's samples. */
@@ -312,13 +326,17 @@ static void write_units(const BlurTile *blur) {
     for (int i = 0; i < 3 * BLOCK_RAYS; i++)
         sums.sum[i / BLOCK_RAYS][i % BLOCK_RAYS] = samples * known[i];
     for (int unit = 0; unit < blur->order->units; unit++) {
-        const Unit *one = &blur->units[unit];
+        Unit *one = &blur->units[unit];
+        float sharp[3][TILE_PX * TILE_PX];
+        count_visible(&state->measures->shadow, __builtin_popcount(one->shadowed));
+        if (!one->is_wanted)
+            continue;
+        find_sharp(blur, unit, sharp);
+        note_samples(state, &state->measures->blur, (1u << blur->order->pixels) - 1, one->mean,
+                     sharp);
         for (int pixel = 0; pixel < blur->order->pixels; pixel++) {
-            count_visible(&state->measures->shadow, one->shadowed >> pixel & 1);
             int at = blur->order->pixel[unit][pixel];
-            float sharp[3];
-            for (int channel = 0; one->is_wanted && channel < 3; channel++) {
-                sharp[channel] = sharp_mean(blur, unit, channel, pixel);
+            for (int channel = 0; channel < 3; channel++) {
                 /* In place of gathered light, too. */
                 if (one->is_changed || is_gathered)
                     sums.sum[channel][at] = samples * one->mean[channel][pixel];
@@ -326,9 +344,6 @@ static void write_units(const BlurTile *blur) {
                 if (is_gathered)
                     known[channel * BLOCK_RAYS + at] = one->mean[channel][pixel];
             }
-            if (one->is_wanted)
-                note_change(state, &state->measures->blur, 1, get_lane(one->mean, pixel),
-                            vec3(sharp));
         }
     }
     write_pixels(state, blur->tile, &sums);

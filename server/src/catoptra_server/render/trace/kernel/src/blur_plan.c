@@ -628,6 +628,8 @@ static float most_of_columns(Floats8 values, int first, int end) {
 #define MAX_OF_BEND 0.5f
 static void bound_near_changes(const Frame *frame, const float light[CHANNELS][AROUND][AROUND],
                                int reach, float bounds[CELLS * CELLS]) {
+    float lows[BLOCK_RAYS] = {0}, highs[BLOCK_RAYS] = {0}, changes[BLOCK_RAYS] = {0};
+    float ends[BLOCK_RAYS], levels[BLOCK_RAYS];
     for (int channel = 0; channel < CHANNELS; channel++) {
         Floats8 rows[AROUND], bends[AROUND];
         memcpy(rows, light[channel], sizeof rows);
@@ -644,31 +646,42 @@ static void bound_near_changes(const Frame *frame, const float light[CHANNELS][A
             }
             for (int y = top + 2; y < bottom - 1; y++)
                 bend = most8(bends[y], bend);
-            float low = -most_of_columns(-least, left, right);
-            float high = most_of_columns(most, left, right);
-            float change =
-                fminf(high - low, MAX_OF_BEND * most_of_columns(bend, left + 1, right - 1));
-            bounds[cell] = fmaxf(bounds[cell], level_change(frame, low, low + change) +
-                                                   spilt_levels(frame, high, change));
+            int at = channel * CELLS * CELLS + cell;
+            lows[at] = -most_of_columns(-least, left, right);
+            highs[at] = most_of_columns(most, left, right);
+            changes[at] = fminf(highs[at] - lows[at],
+                                MAX_OF_BEND * most_of_columns(bend, left + 1, right - 1));
         }
+    }
+    store16(load16(lows) + load16(changes), ends);
+    find_level_changes(frame, lows, ends, levels);
+    for (int i = 0; i < CHANNELS * CELLS * CELLS; i++) {
+        float *bound = bounds + i % (CELLS * CELLS);
+        *bound = fmaxf(*bound, levels[i] + spilt_levels(frame, highs[i], changes[i]));
     }
 }
 
-/* Largest difference of light within a cell and around it, grey levels. */
-static float measure_contrast(const Frame *frame, const float light[CHANNELS][AROUND][AROUND],
-                              int cell) {
-    int top = cell / CELLS * 2, left = cell % CELLS * 2, side = 2 + 2 * MAX_NEAR;
-    float contrast = 0.0f;
-    for (int channel = 0; channel < CHANNELS; channel++) {
+/* Largest differences of light within each cell and around it, grey levels. */
+static void measure_contrasts(const Frame *frame, const float light[CHANNELS][AROUND][AROUND],
+                              float contrasts[CELLS * CELLS]) {
+    enum { SIDE = 2 + 2 * MAX_NEAR };
+    float lows[BLOCK_RAYS] = {0}, highs[BLOCK_RAYS] = {0}, levels[BLOCK_RAYS];
+    for (int i = 0; i < CHANNELS * CELLS * CELLS; i++) {
+        int channel = i / (CELLS * CELLS), cell = i % (CELLS * CELLS);
+        int top = cell / CELLS * 2, left = cell % CELLS * 2;
         Floats8 low = load8(light[channel][top]), high = low;
-        for (int y = top + 1; y < top + side; y++) {
+        for (int y = top + 1; y < top + SIDE; y++) {
             low = least8(load8(light[channel][y]), low);
             high = most8(load8(light[channel][y]), high);
         }
-        contrast = fmaxf(contrast, level_change(frame, -most_of_columns(-low, left, left + side),
-                                                most_of_columns(high, left, left + side)));
+        lows[i] = -most_of_columns(-low, left, left + SIDE);
+        highs[i] = most_of_columns(high, left, left + SIDE);
     }
-    return contrast;
+    find_level_changes(frame, lows, highs, levels);
+    for (int i = 0; i < CHANNELS * CELLS * CELLS; i++) {
+        float *contrast = contrasts + i % (CELLS * CELLS);
+        *contrast = fmaxf(*contrast, levels[i]);
+    }
 }
 
 /* Path of what a tile shows during the exposure, by column and row, and by how much parts of it and
@@ -691,10 +704,6 @@ static float find_path(const FrameState *state, int32_t number, float path[2]) {
     return exposure * apart;
 }
 
-static int cell_of_pixel(int pixel) {
-    return pixel / (2 * TILE_PX) * CELLS + pixel % TILE_PX / 2;
-}
-
 /* Draw those cells of a mask that the sharp frame's samples tell, if all of a tile and around it
  * moves as one; returns these. */
 static int gather_cells(const FrameState *state, int tile, int cells,
@@ -703,39 +712,42 @@ static int gather_cells(const FrameState *state, int tile, int cells,
     int32_t number = state->rays->tiles[tile];
     const float *sharp = plan->means + (size_t)tile * CHANNELS * BLOCK_RAYS;
     float *blurred = plan->blurred + (size_t)tile * CHANNELS * BLOCK_RAYS;
-    float path[2], apart = find_path(state, number, path);
-    float means[CHANNELS][BLOCK_RAYS], doubts[CHANNELS][BLOCK_RAYS];
+    float path[2], apart = find_path(state, number, path), contrasts[CELLS * CELLS] = {0};
+    float means[CHANNELS][BLOCK_RAYS], doubts[CHANNELS][BLOCK_RAYS], befores[CHANNELS][BLOCK_RAYS];
     float tolerance = fmaxf(MAX_DOUBT, 0.5f * state->frame->blur_threshold);
     if (!(fmaxf(fabsf(path[0]), fabsf(path[1])) <= MAX_PATH_PX))
         return 0;
+    measure_contrasts(&plan->counted, light, contrasts);
     for (int cell = 0; cell < CELLS * CELLS; cell++)
-        if (cells >> cell & 1 &&
-            !(apart * measure_contrast(&plan->counted, light, cell) <= MAX_APART))
+        if (!(apart * contrasts[cell] <= MAX_APART))
             cells &= ~(1 << cell);
     if (!cells)
         return 0;
     int rows = (cells & 3 ? 3 : 0) | (cells & 12 ? 12 : 0);
     gather_tile(state, number, &plan->samples, plan->means, path, rows, means, doubts);
-    for (int pixel = 0; pixel < BLOCK_RAYS; pixel++) {
-        int bit = 1 << cell_of_pixel(pixel);
-        for (int channel = 0; cells & bit && channel < CHANNELS; channel++) {
-            float mean = means[channel][pixel];
-            /* Not a number, too. */
-            if (!(level_change(&plan->counted, mean, mean + doubts[channel][pixel]) <= tolerance))
-                cells &= ~bit;
-        }
+    Ints16 is_sure = mask16(0xffff);
+    for (int channel = 0; channel < CHANNELS; channel++) {
+        float changes[BLOCK_RAYS];
+        store16(load16(means[channel]) + load16(doubts[channel]), doubts[channel]);
+        find_level_changes(&plan->counted, means[channel], doubts[channel], changes);
+        /* What is not a number is not sure, either. */
+        is_sure &= (load16(changes) <= tolerance) & (load16(doubts[channel]) == load16(doubts[channel]));
+    }
+    uint32_t doubtful = bits16(~is_sure), gathered = 0;
+    for (int cell = 0; cell < CELLS * CELLS; cell++) {
+        uint32_t pixels = 0x33u << first_pixel(cell);
+        cells &= ~(((doubtful & pixels) != 0) << cell);
+        gathered |= cells >> cell & 1 ? pixels : 0;
     }
     if (!cells)
         return 0;
     plan->gathered[number] = (uint8_t)cells;
-    for (int pixel = 0; pixel < BLOCK_RAYS; pixel++) {
-        Vec3 before = {sharp[pixel], sharp[BLOCK_RAYS + pixel], sharp[2 * BLOCK_RAYS + pixel]};
-        int is_gathered = cells >> cell_of_pixel(pixel) & 1;
-        Vec3 after = get_lane((const float(*)[BLOCK_RAYS])means, pixel);
-        if (is_gathered)
-            note_change(state, &state->measures->gathered, 1, after, before);
-        set_lane((float(*)[BLOCK_RAYS])blurred, pixel, is_gathered ? after : before);
+    for (int channel = 0; channel < CHANNELS; channel++) {
+        float *to = blurred + channel * BLOCK_RAYS;
+        store16(load16(sharp + channel * BLOCK_RAYS), befores[channel]);
+        store16(select16(mask16(gathered), load16(means[channel]), load16(befores[channel])), to);
     }
+    note_samples(state, &state->measures->gathered, gathered, means, befores);
     write_radiance(state, tile, (const float(*)[BLOCK_RAYS])blurred);
     return cells;
 }

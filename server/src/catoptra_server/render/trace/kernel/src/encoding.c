@@ -3,6 +3,8 @@
  * Threads: prepare_encoding: the calling thread, before the pool starts. encode_level: any. */
 #include "encoding.h"
 
+#include "lanes.h"
+
 #include <math.h>
 
 enum { STEPS = 4096, NEWTON_STEPS = 12, CODES = 256, WHITE_CODE = 223, CODES_PER_OCTAVE = 4 };
@@ -52,4 +54,17 @@ float encode_level(float linear) {
     float position = (linear > 0.0f ? linear < 1.0f ? linear : 1.0f : 0.0f) * (float)STEPS;
     int step = (int)position;
     return levels[step] + (position - (float)step) * (levels[step + 1] - levels[step]);
+}
+
+void encode_levels(const float linear[16], float encoded[16]) {
+    Floats16 zero = splat16(0.0f), light = least16(load16(linear), splat16(1.0f));
+    Floats16 position = select16(load16(linear) > zero, light, zero) * (float)STEPS;
+    Ints16 step = __builtin_convertvector(position, Ints16);
+    float low[16], high[16];
+    for (int lane = 0; lane < 16; lane++) {
+        low[lane] = levels[step[lane]];
+        high[lane] = levels[step[lane] + 1];
+    }
+    Floats16 part = position - __builtin_convertvector(step, Floats16);
+    store16(load16(low) + part * (load16(high) - load16(low)), encoded);
 }

@@ -8,6 +8,9 @@
 /* Grey levels, 0 to 255, of linear light, which is clipped to [0, 1]. */
 float encode_level(float linear);
 
+/* The same of 16 values. */
+void encode_levels(const float linear[16], float encoded[16]);
+
 /* Light in eight bits, for fast extremes: grey levels up to white, quarters of an octave beyond. */
 uint8_t code_of_light(float linear);
 

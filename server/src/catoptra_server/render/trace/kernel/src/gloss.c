@@ -52,14 +52,18 @@ static uint32_t find_seen(const Frame *frame, const float part[BLOCK_RAYS], uint
     Floats16 room = 1.0f - frame->largest_gain * load16(own[0]);
     Floats16 rise = frame->largest_gain * load16(part) * (most - load16(own[0]));
     uint32_t seen = bits16(LEAST_SLOPE * least16(room, rise) > splat16(limit)) & lanes;
-    for (uint32_t left = lanes & ~seen; left; left &= left - 1) {
-        int lane = __builtin_ctz(left);
-        Vec3 matt = get_lane(own, lane), brightest = {most, most, most}, black = {0, 0, 0};
-        if (!(colour_change(frame, matt, mix(part[lane], matt, black)) <= limit &&
-              colour_change(frame, matt, mix(part[lane], matt, brightest)) <= limit))
-            seen |= 1u << lane;
+    if (!(lanes & ~seen))
+        return seen;
+    float black[3][BLOCK_RAYS], brightest[3][BLOCK_RAYS], dimmed[BLOCK_RAYS], raised[BLOCK_RAYS];
+    for (int channel = 0; channel < 3; channel++) {
+        Floats16 matt = load16(own[channel]);
+        store16(matt + load16(part) * (0.0f - matt), black[channel]);
+        store16(matt + load16(part) * (most - matt), brightest[channel]);
     }
-    return seen;
+    const float(*matt)[BLOCK_RAYS] = (const float(*)[BLOCK_RAYS])own;
+    find_colour_changes(frame, matt, black, dimmed);
+    find_colour_changes(frame, matt, brightest, raised);
+    return seen | (lanes & ~bits16(most16(load16(dimmed), load16(raised)) <= limit));
 }
 
 /* Rays of some lanes that mirror one plane's light, from its points. */

@@ -15,19 +15,30 @@
 
 float spilt_levels(const Frame *frame, float larger, float difference) {
     float excess = frame->spill[0] * larger - 1.0f, change = frame->spill[0] * difference;
+    if (!(frame->spill[1] > 0.0f))
+        return 0.0f;
     return encode_level(frame->spill[1] * (change < excess ? change : excess));
+}
+
+static inline Floats16 encode16(Floats16 light) {
+    _Alignas(64) float linear[BLOCK_RAYS], encoded[BLOCK_RAYS];
+    store16(light, linear);
+    encode_levels(linear, encoded);
+    return load16(encoded);
 }
 
 /* On its way to the picture light is multiplied by any of the frame's gains: a difference shows
  * most where the larger value just reaches white. */
-float level_change(const Frame *frame, float one, float other) {
-    float larger = one > other ? one : other, gain = frame->largest_gain;
-    if (one == other)
-        return 0.0f;
-    if (gain * larger > 1.0f)
-        gain = 1.0f / larger > frame->least_gain ? 1.0f / larger : frame->least_gain;
-    float change = fabsf(encode_level(gain * one) - encode_level(gain * other));
-    return fminf(change + spilt_levels(frame, larger, fabsf(one - other)), 255.0f);
+static inline Floats16 level_changes(const Frame *frame, Floats16 one, Floats16 other) {
+    Floats16 larger = most16(one, other), difference = absolute16(one - other);
+    Floats16 least = splat16(frame->least_gain), gain = splat16(frame->largest_gain);
+    gain = select16(gain * larger > 1.0f, most16(1.0f / larger, least), gain);
+    Floats16 change = absolute16(encode16(gain * one) - encode16(gain * other));
+    if (frame->spill[1] > 0.0f) {
+        Floats16 excess = frame->spill[0] * larger - 1.0f;
+        change += encode16(frame->spill[1] * least16(frame->spill[0] * difference, excess));
+    }
+    return select16(one == other, splat16(0.0f), least16(change, splat16(255.0f)));
 }
 
 float unseen_levels(const FrameState *state, const ChangeMeasure *measure) {
@@ -61,9 +72,28 @@ void end_measures(const FrameState *state) {
         measures->ended |= MEASURE_WATCHED;
 }
 
-float colour_change(const Frame *frame, Vec3 one, Vec3 other) {
-    return fmaxf(fmaxf(level_change(frame, one.x, other.x), level_change(frame, one.y, other.y)),
-                 level_change(frame, one.z, other.z));
+static Floats16 colour_changes(const Frame *frame, const float one[3][BLOCK_RAYS],
+                               const float other[3][BLOCK_RAYS]) {
+    Floats16 change = splat16(0.0f);
+    for (int channel = 0; channel < 3; channel++)
+        change = most16(level_changes(frame, load16(one[channel]), load16(other[channel])), change);
+    return change;
+}
+
+void find_level_changes(const Frame *frame, const float one[BLOCK_RAYS],
+                        const float other[BLOCK_RAYS], float changes[BLOCK_RAYS]) {
+    store16(level_changes(frame, load16(one), load16(other)), changes);
+}
+
+void find_colour_changes(const Frame *frame, const float one[3][BLOCK_RAYS],
+                         const float other[3][BLOCK_RAYS], float changes[BLOCK_RAYS]) {
+    store16(colour_changes(frame, one, other), changes);
+}
+
+/* Note that light above the well shows beside pixels so bright that change. */
+static void note_spill(const FrameState *state, ChangeMeasure *measure, float brightest) {
+    if (spilt_levels(state->frame, brightest, brightest) > VISIBLE_LEVELS)
+        atomic_store_explicit(&measure->spills, 1, memory_order_relaxed);
 }
 
 /* Note the change of some pixels, whose brightest light is known. */
@@ -73,8 +103,7 @@ static void note_levels(const FrameState *state, ChangeMeasure *measure, int pix
     if (change <= unseen_levels(state, measure))
         return;
     count_visible(measure, pixels);
-    if (spilt_levels(state->frame, brightest, brightest) > VISIBLE_LEVELS)
-        atomic_store_explicit(&measure->spills, 1, memory_order_relaxed);
+    note_spill(state, measure, brightest);
 }
 
 static float brighter(Vec3 one, Vec3 other) {
@@ -83,8 +112,9 @@ static float brighter(Vec3 one, Vec3 other) {
 
 void note_change(const FrameState *state, ChangeMeasure *measure, int pixels, Vec3 one,
                  Vec3 other) {
-    note_levels(state, measure, pixels, colour_change(state->frame, one, other),
-                brighter(one, other));
+    Floats16 before = {one.x, one.y, one.z}, after = {other.x, other.y, other.z};
+    note_levels(state, measure, pixels,
+                most_of16(level_changes(state->frame, before, after)), brighter(one, other));
 }
 
 /* Upper bound of the change of 16 pixels, grey levels: the curve is concave, so that a difference
@@ -100,9 +130,17 @@ static float bound_change(const Frame *frame, float factor, const float *one, co
     return encode_level(lowest + difference) - encode_level(lowest) + TABLE_ERROR + spilt;
 }
 
-static Vec3 mean_of(const PixelSums *sums, int pixel, float factor) {
-    return (Vec3){factor * sums->sum[0][pixel], factor * sums->sum[1][pixel],
-                  factor * sums->sum[2][pixel]};
+/* Note the changes of some of 16 pixels, whose brightest light is known. */
+static void note_lanes(const FrameState *state, ChangeMeasure *measure, uint32_t lanes,
+                       Floats16 change, Floats16 brightest) {
+    Floats16 own = select16(mask16(lanes), change, splat16(0.0f));
+    uint32_t visible = bits16(own > unseen_levels(state, measure));
+    Floats16 bright = select16(mask16(visible), brightest, splat16(0.0f));
+    raise_largest(measure, most_of16(own));
+    if (!visible)
+        return;
+    count_visible(measure, __builtin_popcount(visible));
+    note_spill(state, measure, most_of16(bright));
 }
 
 void note_largest_changes(const FrameState *state, int tile, ChangeMeasure *measure, int pairs,
@@ -117,18 +155,18 @@ void note_largest_changes(const FrameState *state, int tile, ChangeMeasure *meas
     if (bound <= read_largest(measure) && !counts)
         return;
     TilePixels pixels = find_pixels(state, tile);
+    uint32_t lanes = 0;
     for (int row = 0; row < pixels.rows; row++)
-        for (int column = 0; column < pixels.columns; column++) {
-            int pixel = row * TILE_PX + column;
-            float change = 0.0f, brightest = 0.0f;
-            for (int pair = 0; pair < pairs; pair++) {
-                Vec3 before = mean_of(one[pair], pixel, factor);
-                Vec3 after = mean_of(other[pair], pixel, factor);
-                change = fmaxf(change, colour_change(frame, before, after));
-                brightest = fmaxf(brightest, brighter(before, after));
-            }
-            note_levels(state, measure, 1, change, brightest);
+        lanes |= ((1u << pixels.columns) - 1) << row * TILE_PX;
+    Floats16 change = splat16(0.0f), brightest = splat16(0.0f);
+    for (int pair = 0; pair < pairs; pair++)
+        for (int channel = 0; channel < 3; channel++) {
+            Floats16 before = factor * load16(one[pair]->sum[channel]);
+            Floats16 after = factor * load16(other[pair]->sum[channel]);
+            change = most16(level_changes(frame, before, after), change);
+            brightest = most16(most16(before, after), brightest);
         }
+    note_lanes(state, measure, lanes, change, brightest);
 }
 
 void note_changes(const FrameState *state, int tile, ChangeMeasure *measure, const PixelSums *one,
@@ -153,8 +191,7 @@ static int is_smaller(const FrameState *state, const ChangeMeasure *measure, uin
 
 void note_samples(const FrameState *state, ChangeMeasure *measure, uint32_t lanes,
                   float one[3][BLOCK_RAYS], float other[3][BLOCK_RAYS]) {
-    float largest = 0.0f, brightest = 0.0f, bound = 0.0f;
-    int visible = 0;
+    float bound = 0.0f;
     if (is_smaller(state, measure, lanes, one, other))
         return;
     for (int channel = 0; channel < 3; channel++) {
@@ -166,13 +203,11 @@ void note_samples(const FrameState *state, ChangeMeasure *measure, uint32_t lane
     }
     if (bound <= read_largest(measure) && bound <= unseen_levels(state, measure))
         return;
-    for (; lanes; lanes &= lanes - 1) {
-        int lane = __builtin_ctz(lanes);
-        Vec3 before = get_lane(one, lane), after = get_lane(other, lane);
-        float change = colour_change(state->frame, before, after);
-        visible += change > unseen_levels(state, measure);
-        largest = fmaxf(largest, change);
-        brightest = fmaxf(brightest, brighter(before, after));
-    }
-    note_levels(state, measure, visible, largest, brightest);
+    Floats16 brightest = splat16(0.0f);
+    for (int channel = 0; channel < 3; channel++)
+        brightest = most16(most16(load16(one[channel]), load16(other[channel])), brightest);
+    note_lanes(state, measure, lanes,
+               colour_changes(state->frame, (const float(*)[BLOCK_RAYS])one,
+                              (const float(*)[BLOCK_RAYS])other),
+               brightest);
 }

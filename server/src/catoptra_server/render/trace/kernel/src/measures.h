@@ -41,10 +41,12 @@ static inline int32_t find_watched(const FrameState *state) {
 /* End the measures whose effects are on whatever else is found. */
 void end_measures(const FrameState *state);
 
-/* Change of the picture, grey levels, between two values of a channel, linear light; and between
- * two colours. */
-float level_change(const Frame *frame, float one, float other);
-float colour_change(const Frame *frame, Vec3 one, Vec3 other);
+/* Changes of the picture, grey levels, between 16 values of a channel, linear light, and 16 others;
+ * and between colours. */
+void find_level_changes(const Frame *frame, const float one[BLOCK_RAYS],
+                        const float other[BLOCK_RAYS], float changes[BLOCK_RAYS]);
+void find_colour_changes(const Frame *frame, const float one[3][BLOCK_RAYS],
+                         const float other[3][BLOCK_RAYS], float changes[BLOCK_RAYS]);
 
 /* Change of a black pixel beside light that changes by a difference, above the well. */
 float spilt_levels(const Frame *frame, float larger, float difference);
