@@ -86,10 +86,12 @@ static inline Floats16 bound_slopes(Floats16 light) {
     return factor * (Floats16)raised;
 }
 
-/* Bounds of the changes of 16 values: the curve is concave, and the largest gain shows most. */
+/* Bounds of the changes of 16 values: the curve is concave, and the largest gain shows most. What
+ * is white with the least gain is white with all. */
 static inline Floats16 bound_changes(const ImageStage *stage, Floats16 before, Floats16 after) {
-    Floats16 zero = {0}, low = most16(least16(before, after), zero);
-    Floats16 difference = most16(most16(before, after), zero) - low;
+    Floats16 zero = {0}, white = splat16(1.0f / stage->least_gain);
+    Floats16 low = most16(least16(least16(before, after), white), zero);
+    Floats16 difference = most16(least16(most16(before, after), white), zero) - low;
     return bound_slopes(stage->largest_gain * low) * (stage->largest_gain * difference) + 1e-2f;
 }
 
