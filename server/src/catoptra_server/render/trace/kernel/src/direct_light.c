@@ -246,7 +246,7 @@ static uint32_t find_occluded(const FrameState *state, int light, const RayBlock
     find_starts(hits, OBJECT_STATIC, &starts);
     starts.numbers = scene->caster_triangles;
     occluded |= occlude_bvh(&casters->bvh, place_of(state), &shadow, &starts);
-    shadow.active = (found.unknown | found.behind_objects) & ~occluded;
+    shadow.active = found.behind_objects & ~occluded;
     uint32_t by_objects =
         state->objects && shadow.active ? occlude_instances(state, &shadow, hits) : 0;
     /* A moving shadow is not fixed to the surface that it falls on. */

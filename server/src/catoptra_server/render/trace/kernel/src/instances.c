@@ -108,25 +108,36 @@ static Placement place_object(const Frame *frame, int32_t object, float time) {
     return placement;
 }
 
-static void move_ray(const RayBlock *rays, const Placement *placement, int lane, RayBlock *moved) {
-    Vec3 origin = subtract(get_lane(rays->origin, lane), vec3(placement->offset));
+/* Rays of a mask in the frame of a placed object. */
+static void place_rays(const RayBlock *rays, const Placement *placement, Ints16 mask,
+                       RayBlock *moved) {
     const float *inverse = placement->inverse_transposed;
-    set_lane(moved->origin, lane, rotate_back(inverse, origin));
-    set_lane(moved->direction, lane, rotate_back(inverse, get_lane(rays->direction, lane)));
+    Floats16 origin[3], direction[3];
+    for (int axis = 0; axis < 3; axis++) {
+        origin[axis] = load16(rays->origin[axis]) - placement->offset[axis];
+        direction[axis] = load16(rays->direction[axis]);
+    }
+    for (int axis = 0; axis < 3; axis++) {
+        Floats16 x = splat16(inverse[axis]), y = splat16(inverse[3 + axis]),
+                 z = splat16(inverse[6 + axis]);
+        Floats16 from = x * origin[0] + y * origin[1] + z * origin[2];
+        Floats16 along = x * direction[0] + y * direction[1] + z * direction[2];
+        store16(select16(mask, from, load16(moved->origin[axis])), moved->origin[axis]);
+        store16(select16(mask, along, load16(moved->direction[axis])), moved->direction[axis]);
+    }
 }
 
 /* Rays in the frame of an object, each at its time. */
 static void move_rays(const FrameState *state, int32_t object, const RayBlock *rays,
                       RayBlock *moved) {
-    float time = rays->time[0];
-    Placement placement = place_object(state->frame, object, time);
+    int is_moving = state->frame->num_poses > 1;
     *moved = *rays;
-    for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-        if (rays->time[lane] != time && state->frame->num_poses > 1) {
-            time = rays->time[lane];
-            placement = place_object(state->frame, object, time);
-        }
-        move_ray(rays, &placement, lane, moved);
+    for (uint32_t left = 0xffff, same; left; left &= ~same) {
+        float time = rays->time[__builtin_ctz(left)];
+        Placement placement = place_object(state->frame, object, time);
+        /* Times of inactive rays may be no numbers. */
+        same = is_moving ? bits16(load16(rays->time) == time) | (left & -left) : left;
+        place_rays(rays, &placement, mask16(same), moved);
     }
 }
 
@@ -144,8 +155,7 @@ void intersect_object(const FrameState *state, int32_t object, RayBlock *rays, H
     object_pose(state, object - 1, &pose);
     memcpy(placement.offset, pose.translation, sizeof placement.offset);
     memcpy(placement.inverse_transposed, pose.rotation, sizeof pose.rotation);
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        move_ray(rays, &placement, lane, &moved);
+    place_rays(rays, &placement, mask16(0xffff), &moved);
     intersect_placed(state, object - 1, &moved, rays, hits);
 }
 

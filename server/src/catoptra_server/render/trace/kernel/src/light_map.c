@@ -198,13 +198,13 @@ static void look_up_points(const FrameState *state, const LightMap *map, const H
     Floats16 others = select16(is_own, load16(seconds), load16(heights));
     uint32_t seen = bits16(others < low) & rays & ~hidden;
     found->hidden |= hidden;
-    found->behind_objects |= seen & ~bits16(load16(objects) < low);
     found->unknown &= ~(hidden | seen);
+    found->behind_objects &= ~(rays & (hidden | bits16(load16(objects) < low)));
 }
 
 Uncertainty find_light(const FrameState *state, int light, const HitBlock *hits,
                        const float points[3][BLOCK_RAYS], uint32_t rays) {
-    Uncertainty found = {0, rays, 0};
+    Uncertainty found = {0, rays, rays};
     Ints16 faces = find_faces(&state->scene->lights[light], points);
     for (uint32_t left = rays, same; left; left &= ~same) {
         int face = faces[__builtin_ctz(left)];
