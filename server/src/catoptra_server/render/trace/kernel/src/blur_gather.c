@@ -18,9 +18,9 @@ typedef float Places[PLACES][GATHERED_SIDE][SAMPLES / 2][COLOURS];
 /* Weights of the places about a pixel's: of cubics, and what straight lines would add to them. */
 typedef float Kernel[2][TAPS][TAPS];
 
-static Floats4 load_samples(const TileSamples *samples, const float *means, int tile, int block,
-                            int channel, int row) {
-    if (samples->is_sampled[tile])
+static Floats4 load_samples(const TileSamples *samples, const float *means, int is_sampled,
+                            int tile, int block, int channel, int row) {
+    if (is_sampled)
         return load4(samples->radiance +
                      (((size_t)tile * 4 + (size_t)block) * 3 + (size_t)channel) * BLOCK_RAYS +
                      4 * row);
@@ -37,11 +37,11 @@ static void collect_samples(const FrameState *state, int32_t number, const TileS
         int tile = state->view->tile_at[number + (down / 2 - 1) * state->rays->tile_columns +
                                         right / 2 - 1];
         tile = tile < 0 ? state->view->tile_at[number] : tile;
-        int block = down % 2 * 2 + right % 2;
+        int block = down % 2 * 2 + right % 2, is_sampled = samples->is_sampled[tile];
         for (int row = 0; row < 4; row++) {
-            Floats4 red = load_samples(samples, means, tile, block, 0, row);
-            Floats4 green = load_samples(samples, means, tile, block, 1, row);
-            Floats4 blue = load_samples(samples, means, tile, block, 2, row);
+            Floats4 red = load_samples(samples, means, is_sampled, tile, block, 0, row);
+            Floats4 green = load_samples(samples, means, is_sampled, tile, block, 1, row);
+            Floats4 blue = load_samples(samples, means, is_sampled, tile, block, 2, row);
             Floats4 left = __builtin_shufflevector(red, green, 0, 4, 1, 5);
             Floats4 rest = __builtin_shufflevector(red, green, 2, 6, 3, 7);
             Floats4 *to = &light[4 * (down - 1) + row][4 * (right - 1)];
@@ -77,20 +77,22 @@ static int weigh_places(float at, float cubic[4], float straight[4]) {
     return first;
 }
 
+static void add_to_row(float *row, Floats4 parts) { store4(load4(row) + parts, row); }
+
 /* Add a part of the light at a place, and at the one opposite. */
 static void add_place(const float at[2], float part, Kernel kernel) {
     float columns[2][4], rows[2][4];
     int left = weigh_places(at[0], columns[0], columns[1]);
     int top = weigh_places(at[1], rows[0], rows[1]);
-    for (int y = 0; y < 4; y++)
-        for (int x = 0; x < 4; x++) {
-            float cubic = part * rows[0][y] * columns[0][x];
-            float parts[2] = {cubic, part * rows[1][y] * columns[1][x] - cubic};
-            for (int i = 0; i < 2; i++) {
-                kernel[i][top + y][left + x] += parts[i];
-                kernel[i][TAPS - 1 - top - y][TAPS - 1 - left - x] += parts[i];
-            }
+    for (int y = 0; y < 4; y++) {
+        Floats4 cubic = part * rows[0][y] * load4(columns[0]);
+        Floats4 parts[2] = {cubic, part * rows[1][y] * load4(columns[1]) - cubic};
+        for (int i = 0; i < 2; i++) {
+            add_to_row(kernel[i][top + y] + left, parts[i]);
+            add_to_row(kernel[i][TAPS - 1 - top - y] + TAPS - 4 - left,
+                       __builtin_shufflevector(parts[i], parts[i], 3, 2, 1, 0));
         }
+    }
 }
 
 /* The mean along a path by Simpson's rule, at most 3/4 of a step apart. */

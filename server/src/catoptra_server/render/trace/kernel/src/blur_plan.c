@@ -588,17 +588,20 @@ static int find_known_cells(const FrameState *state, const int32_t tiles[TILES_A
 /* Light of a tile's pixels and of those around, its own beside the picture. */
 static void collect_pixels(const FrameState *state, const int32_t tiles[TILES_AROUND],
                            float light[CHANNELS][AROUND][AROUND]) {
-    for (int tile = 0; tile < TILES_AROUND; tile++) {
-        int i = tile / 3 - 1, k = tile % 3 - 1;
-        int top = i < 0 ? TILE_PX - MAX_NEAR : 0, left = k < 0 ? TILE_PX - MAX_NEAR : 0;
-        int bottom = i > 0 ? MAX_NEAR : TILE_PX, right = k > 0 ? MAX_NEAR : TILE_PX;
-        int32_t from = tiles[tile] < 0 ? tiles[MIDDLE] : tiles[tile];
-        const float *means = state->plan->means + (size_t)from * CHANNELS * BLOCK_RAYS;
-        for (int channel = 0; channel < CHANNELS; channel++)
-            for (int y = top; y < bottom; y++)
-                for (int x = left; x < right; x++)
-                    light[channel][TILE_PX * i + y + MAX_NEAR][TILE_PX * k + x + MAX_NEAR] =
-                        means[channel * BLOCK_RAYS + y * TILE_PX + x];
+    for (int y = 0; y < AROUND; y++) {
+        int row = (y + TILE_PX - MAX_NEAR) / TILE_PX, line = (y + TILE_PX - MAX_NEAR) % TILE_PX;
+        for (int channel = 0; channel < CHANNELS; channel++) {
+            Floats4 of[3];
+            for (int i = 0; i < 3; i++) {
+                int32_t tile = tiles[3 * row + i] < 0 ? tiles[MIDDLE] : tiles[3 * row + i];
+                of[i] = load4(state->plan->means +
+                              ((size_t)tile * CHANNELS + (size_t)channel) * BLOCK_RAYS +
+                              TILE_PX * line);
+            }
+            Floats4 left = __builtin_shufflevector(of[0], of[1], 2, 3, 4, 5);
+            store4(left, light[channel][y]);
+            store4(__builtin_shufflevector(of[1], of[2], 2, 3, 4, 5), light[channel][y] + TILE_PX);
+        }
     }
 }
 
@@ -614,11 +617,52 @@ static Floats8 find_bends(const Floats8 rows[3]) {
     return most8(absolute8(rows[0] + rows[2] - twice), bends);
 }
 
-static float most_of_columns(Floats8 values, int first, int end) {
-    float most = values[first];
-    for (int i = first + 1; i < end; i++)
-        most = values[i] > most ? values[i] : most;
-    return most;
+/* Largest of two, four or six values, from each place on. */
+static Floats8 most_of_width(Floats8 values, int width) {
+    Floats8 two = most8(__builtin_shufflevector(values, values, 1, 2, 3, 4, 5, 6, 7, 7), values);
+    if (width == 2)
+        return two;
+    Floats8 four = most8(__builtin_shufflevector(two, two, 2, 3, 4, 5, 6, 7, 7, 7), two);
+    return width == 4
+               ? four
+               : most8(__builtin_shufflevector(two, two, 4, 5, 6, 7, 7, 7, 7, 7), four);
+}
+
+/* Values of a tile's cells, by channel. */
+typedef float CellValues[BLOCK_RAYS];
+enum { CELL_VALUES = CHANNELS * CELLS * CELLS };
+
+/* Extremes of light within `reach` of a tile's cells, and how much it bends there. */
+static void find_cell_extremes(const float light[CHANNELS][AROUND][AROUND], int reach,
+                               CellValues lows, CellValues highs, CellValues bends) {
+    int width = 2 + 2 * reach;
+    for (int channel = 0; channel < CHANNELS; channel++) {
+        Floats8 rows[AROUND], bent[AROUND];
+        memcpy(rows, light[channel], sizeof rows);
+        for (int y = 1; bends && y < AROUND - 1; y++)
+            bent[y] = find_bends(rows + y - 1);
+        for (int row = 0; row < CELLS; row++) {
+            int top = MAX_NEAR - reach + 2 * row, bottom = top + width;
+            int at = channel * CELLS * CELLS + row * CELLS;
+            Floats8 least = rows[top], most = rows[top], bend = {0};
+            for (int y = top + 1; y < bottom; y++) {
+                least = least8(rows[y], least);
+                most = most8(rows[y], most);
+            }
+            for (int y = top + 1; bends && y < bottom - 1; y++)
+                bend = most8(bent[y], bend);
+            least = most_of_width(-least, width);
+            most = most_of_width(most, width);
+            bend = most_of_width(bend, width - 2);
+            for (int column = 0; column < CELLS; column++) {
+                int left = MAX_NEAR - reach + 2 * column;
+                lows[at + column] = -least[left];
+                highs[at + column] = most[left];
+                if (bends)
+                    bends[at + column] = bend[left + 1];
+            }
+        }
+    }
 }
 
 /* Bounds of the changes of a tile's cells by what moves so many pixels at most: by the contrast
@@ -628,57 +672,25 @@ static float most_of_columns(Floats8 values, int first, int end) {
 #define MAX_OF_BEND 0.5f
 static void bound_near_changes(const Frame *frame, const float light[CHANNELS][AROUND][AROUND],
                                int reach, float bounds[CELLS * CELLS]) {
-    float lows[BLOCK_RAYS] = {0}, highs[BLOCK_RAYS] = {0}, changes[BLOCK_RAYS] = {0};
-    float ends[BLOCK_RAYS], levels[BLOCK_RAYS];
-    for (int channel = 0; channel < CHANNELS; channel++) {
-        Floats8 rows[AROUND], bends[AROUND];
-        memcpy(rows, light[channel], sizeof rows);
-        for (int y = 1; y < AROUND - 1; y++)
-            bends[y] = find_bends(rows + y - 1);
-        for (int cell = 0; cell < CELLS * CELLS; cell++) {
-            int top = MAX_NEAR - reach + cell / CELLS * 2;
-            int left = MAX_NEAR - reach + cell % CELLS * 2;
-            int bottom = top + 2 + 2 * reach, right = left + 2 + 2 * reach;
-            Floats8 least = rows[top], most = rows[top], bend = bends[top + 1];
-            for (int y = top + 1; y < bottom; y++) {
-                least = least8(rows[y], least);
-                most = most8(rows[y], most);
-            }
-            for (int y = top + 2; y < bottom - 1; y++)
-                bend = most8(bends[y], bend);
-            int at = channel * CELLS * CELLS + cell;
-            lows[at] = -most_of_columns(-least, left, right);
-            highs[at] = most_of_columns(most, left, right);
-            changes[at] = fminf(highs[at] - lows[at],
-                                MAX_OF_BEND * most_of_columns(bend, left + 1, right - 1));
-        }
-    }
-    store16(load16(lows) + load16(changes), ends);
-    find_level_changes(frame, lows, ends, levels);
-    for (int i = 0; i < CHANNELS * CELLS * CELLS; i++) {
+    CellValues lows = {0}, highs = {0}, bends = {0}, levels;
+    find_cell_extremes(light, reach, lows, highs, bends);
+    Floats16 low = load16(lows);
+    Floats16 change = least16(load16(highs) - low, MAX_OF_BEND * load16(bends));
+    store16(low + change, bends);
+    find_level_changes(frame, lows, bends, levels);
+    for (int i = 0; i < CELL_VALUES; i++) {
         float *bound = bounds + i % (CELLS * CELLS);
-        *bound = fmaxf(*bound, levels[i] + spilt_levels(frame, highs[i], changes[i]));
+        *bound = fmaxf(*bound, levels[i] + spilt_levels(frame, highs[i], change[i]));
     }
 }
 
 /* Largest differences of light within each cell and around it, grey levels. */
 static void measure_contrasts(const Frame *frame, const float light[CHANNELS][AROUND][AROUND],
                               float contrasts[CELLS * CELLS]) {
-    enum { SIDE = 2 + 2 * MAX_NEAR };
-    float lows[BLOCK_RAYS] = {0}, highs[BLOCK_RAYS] = {0}, levels[BLOCK_RAYS];
-    for (int i = 0; i < CHANNELS * CELLS * CELLS; i++) {
-        int channel = i / (CELLS * CELLS), cell = i % (CELLS * CELLS);
-        int top = cell / CELLS * 2, left = cell % CELLS * 2;
-        Floats8 low = load8(light[channel][top]), high = low;
-        for (int y = top + 1; y < top + SIDE; y++) {
-            low = least8(load8(light[channel][y]), low);
-            high = most8(load8(light[channel][y]), high);
-        }
-        lows[i] = -most_of_columns(-low, left, left + SIDE);
-        highs[i] = most_of_columns(high, left, left + SIDE);
-    }
+    CellValues lows = {0}, highs = {0}, levels;
+    find_cell_extremes(light, MAX_NEAR, lows, highs, NULL);
     find_level_changes(frame, lows, highs, levels);
-    for (int i = 0; i < CHANNELS * CELLS * CELLS; i++) {
+    for (int i = 0; i < CELL_VALUES; i++) {
         float *contrast = contrasts + i % (CELLS * CELLS);
         *contrast = fmaxf(*contrast, levels[i]);
     }
