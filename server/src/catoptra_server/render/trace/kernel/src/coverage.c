@@ -547,13 +547,22 @@ static int is_wanted(const Search *search, const Part *part) {
            search->state->plan->wanted[part->level][part->row * columns + part->column];
 }
 
+/* Memory is slow to deliver beams. */
+static void fetch_beam(const BeamLevel *parts, int row, int column) {
+    if (row < parts->rows && column < parts->columns) {
+        const char *beam = (const char *)&parts->beams[row * parts->columns + column];
+        __builtin_prefetch(beam);
+        __builtin_prefetch(beam + sizeof(Beam) - 1);
+    }
+}
+
 static void render_beam(Search *search, const View *view, Part part) {
     const BeamLevel *parts = &view->levels[part.level];
     if (part.row >= parts->rows || part.column >= parts->columns)
         return;
     int at = part.row * parts->columns + part.column;
     const Beam *beam = &parts->beams[at];
-    if (beam->kind == BEAM_EMPTY || !is_wanted(search, &part))
+    if (!is_wanted(search, &part) || beam->kind == BEAM_EMPTY)
         return;
     if (beam->kind == BEAM_NARROW && (is_unproven(&part) || is_dim(search, &part))) {
         BeamSides sides;
@@ -567,6 +576,9 @@ static void render_beam(Search *search, const View *view, Part part) {
         render_closed(search, view, &part);
         return;
     }
+    for (int quarter = 1; quarter < 4; quarter++)
+        fetch_beam(&view->levels[part.level - 1], 2 * part.row + quarter / 2,
+                   2 * part.column + quarter % 2);
     for (int quarter = 0; quarter < 4; quarter++)
         render_beam(search, view,
                     (Part){part.level - 1, 2 * part.row + quarter / 2,
