@@ -92,14 +92,12 @@ static void add_to_instant(const BlurTile *blur, uint32_t active,
     float factor = 1.0f / (float)(state->rays->samples * state->rays->samples);
     uint32_t rays = active & lost->rays;
     sums->differs |= rays != 0;
-    for (int channel = 0; channel < 3; channel++)
-        for (int lane = 0; lane < BLOCK_RAYS; lane++) {
-            int pixel = blur->order->lane_pixel[lane];
-            float value = active >> lane & 1 ? radiance[channel][lane] : 0.0f;
-            float bright = value + (rays >> lane & 1 ? lost->radiance[channel][lane] : 0.0f);
-            sums->shown[channel][pixel] += factor * value;
-            sums->unshadowed[channel][pixel] += factor * bright;
-        }
+    for (int channel = 0; channel < 3; channel++) {
+        Floats16 zero = {0}, value = select16(mask16(active), load16(radiance[channel]), zero);
+        Floats16 bright = value + select16(mask16(rays), load16(lost->radiance[channel]), zero);
+        add_to_unit(blur->order, factor * value, sums->shown[channel]);
+        add_to_unit(blur->order, factor * bright, sums->unshadowed[channel]);
+    }
 }
 
 static void note_instant(const BlurTile *blur, const Instant *sums, Unit *one) {
@@ -128,13 +126,10 @@ static void sample_unit(BlurTile *blur, const FrameState *moved, const TileConte
                                        is_measured ? &lost : NULL);
         if (is_measured)
             add_to_instant(blur, active, radiance, &lost, &instant);
-        for (int channel = 0; channel < 3; channel++)
-            for (int lane = 0; lane < BLOCK_RAYS; lane++)
-                radiance[channel][lane] =
-                    active >> lane & 1 ? factor * radiance[channel][lane] : 0.0f;
-        for (int lane = 0; lane < BLOCK_RAYS; lane++)
-            for (int channel = 0; channel < 3; channel++)
-                sums[channel][order->lane_pixel[lane]] += radiance[channel][lane];
+        for (int channel = 0; channel < 3; channel++) {
+            Floats16 value = factor * load16(radiance[channel]);
+            add_to_unit(order, select16(mask16(active), value, splat16(0.0f)), sums[channel]);
+        }
     }
     if (is_measured)
         note_instant(blur, &instant, &blur->units[unit]);
@@ -229,9 +224,8 @@ static int integrate_unit(BlurTile *blur, const FrameState *still, const MovingS
         load_unit(still, blur->tile, order, unit, block, &rays);
         if (rays.active && !integrate_block(scene, &rays, radiance))
             return 0;
-        for (int lane = 0; lane < BLOCK_RAYS; lane++)
-            for (int channel = 0; channel < 3; channel++)
-                sums[channel][order->lane_pixel[lane]] += factor * radiance[channel][lane];
+        for (int channel = 0; channel < 3; channel++)
+            add_to_unit(order, factor * load16(radiance[channel]), sums[channel]);
     }
     memcpy(one->mean, sums, sizeof sums);
     *blur->num_rays += order->blocks * BLOCK_RAYS * scene->parts;

@@ -17,8 +17,6 @@ static int allocate(RayOrder *order, int units, int samples) {
     int pixels = TILE_PX * TILE_PX / units;
     *order = (RayOrder){.units = units, .pixels = pixels};
     order->blocks = (pixels * samples * samples + BLOCK_RAYS - 1) / BLOCK_RAYS;
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        order->lane_pixel[lane] = (uint8_t)(lane % pixels);
     order->source = malloc(sizeof(uint16_t) * BLOCK_RAYS * (size_t)(units * order->blocks));
     return order->source != NULL;
 }
@@ -40,14 +38,6 @@ int order_by_row(int samples, RayOrder *order) {
     return 1;
 }
 
-/* Blocks of the table whose rays are those of one unit: of 2 x 2 samples, or of one. */
-static void take_table(RayOrder *order, int samples) {
-    for (int lane = 0; lane < BLOCK_RAYS; lane++)
-        order->lane_pixel[lane] =
-            (uint8_t)(samples == 1 ? lane : lane / 8 * 2 + lane % TILE_PX / 2);
-    order->is_table = 1;
-}
-
 int order_by_cell(int samples, RayOrder *order) {
     int units = samples == 1 ? 1 : MAX_UNITS;
     if (!allocate(order, units, samples))
@@ -58,7 +48,6 @@ int order_by_cell(int samples, RayOrder *order) {
         order->pixel[unit][pixel] = (uint8_t)(units == 1 ? i : row * TILE_PX + column);
     }
     list_rays(order, samples);
-    if (samples <= 2)
-        take_table(order, samples);
+    order->is_table = samples <= 2;
     return 1;
 }

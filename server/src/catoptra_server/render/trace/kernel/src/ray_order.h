@@ -16,8 +16,8 @@ typedef struct {
     int units, pixels; /* units of a tile, pixels of a unit */
     int blocks;        /* of a unit */
     uint8_t pixel[MAX_UNITS][TILE_PX * TILE_PX]; /* of the tile, of each pixel of a unit */
-    uint8_t lane_pixel[BLOCK_RAYS];              /* pixel of the unit of each lane of a block */
-    int is_table;           /* the units are the table's own blocks */
+    int is_table; /* the units are the table's own blocks, of 2 x 2 samples a pixel or of one; in
+                   * others each lane follows by the pixel of the one before */
     uint16_t *source; /* (units, blocks, 16) number of the ray in the tile's part of the table */
 } RayOrder;
 
@@ -27,6 +27,21 @@ int order_by_cell(int samples, RayOrder *order);
 
 static inline const uint16_t *unit_source(const RayOrder *order, int unit, int block) {
     return order->source + (unit * order->blocks + block) * BLOCK_RAYS;
+}
+
+/* Add values of a block's lanes, one channel, to the sums of its unit's pixels. */
+static inline void add_to_unit(const RayOrder *order, Floats16 lanes, float sums[BLOCK_RAYS]) {
+    if (order->pixels == BLOCK_RAYS) {
+        store16(load16(sums) + lanes, sums);
+        return;
+    }
+    Floats16 v = order->is_table ? __builtin_shufflevector(lanes, lanes, 0, 2, 8, 10, 1, 3, 9, 11, 4,
+                                                           6, 12, 14, 5, 7, 13, 15)
+                                 : lanes;
+    Floats4 sum = load4(sums) + __builtin_shufflevector(v, v, 0, 1, 2, 3);
+    sum += __builtin_shufflevector(v, v, 4, 5, 6, 7);
+    sum += __builtin_shufflevector(v, v, 8, 9, 10, 11);
+    store4(sum + __builtin_shufflevector(v, v, 12, 13, 14, 15), sums);
 }
 
 #endif
