@@ -22,36 +22,32 @@ static void set_triangle(PlaneQueries *queries, uint32_t lanes, Vec3 first, Vec3
     set_lanes(queries->edge_v, lanes, subtract(third, first));
 }
 
-/* The same for an object at rest: a rotation's inverse is its transpose, and keeps lengths. */
-static void move_to_resting_object(const Pose *pose, int lane, PlaneQueries *queries,
-                                   HitPoints *points, const float *normal) {
-    const float *rotation = pose->rotation;
-    Vec3 from_object = subtract(get_lane(queries->origin, lane), vec3(pose->translation));
-    set_lane(queries->origin, lane, rotate_back(rotation, from_object));
-    set_lane(queries->direction, lane, rotate_back(rotation, get_lane(queries->direction, lane)));
-    set_lane(points->normal, lane, rotate(rotation, vec3(normal)));
-}
-
 static Vec3 turn_by(const float normals_matrix[9], Vec3 normal) {
     Vec3 turned = rotate(normals_matrix, normal);
     float length = sqrtf(dot(turned, turned));
     return length > 0.0f ? scale(1.0f / length, turned) : turned;
 }
 
-/* A dynamic object's mesh is committed in a frame of its own: the ray is moved, not the mesh. */
-static void move_to_object(const FrameState *state, int object, float time, int lane,
-                           PlaneQueries *queries, HitPoints *points, const float *normal) {
-    const Frame *frame = state->frame;
+/* An object at a time; what its normals are multiplied by. */
+typedef struct {
     Pose pose;
     float normals_matrix[9];
-    pose_at(frame->object_poses + object, frame->num_poses, frame->num_objects, time, &pose);
-    /* The entries between two rotations make no rotation: its transpose is not its inverse. */
-    invert_transposed(pose.rotation, normals_matrix);
-    Vec3 from_object = subtract(get_lane(queries->origin, lane), vec3(pose.translation));
-    set_lane(queries->origin, lane, rotate_back(normals_matrix, from_object));
-    set_lane(queries->direction, lane,
-             rotate_back(normals_matrix, get_lane(queries->direction, lane)));
-    set_lane(points->normal, lane, turn_by(normals_matrix, vec3(normal)));
+} Placed;
+
+static void place_object(const Frame *frame, int object, float time, Placed *placed) {
+    const Pose *poses = frame->object_poses + object - 1;
+    pose_at(poses, frame->num_poses, frame->num_objects, time, &placed->pose);
+    /* A rotation's inverse is its transpose, and keeps lengths. The entries between two rotations
+     * make no rotation. */
+    if (frame->num_poses == 1)
+        memcpy(placed->normals_matrix, placed->pose.rotation, sizeof placed->normals_matrix);
+    else
+        invert_transposed(placed->pose.rotation, placed->normals_matrix);
+}
+
+static Vec3 place_normal(const Frame *frame, const Placed *placed, Vec3 normal) {
+    return frame->num_poses == 1 ? rotate(placed->pose.rotation, normal)
+                                 : turn_by(placed->normals_matrix, normal);
 }
 
 /* Set the queries of some rays that meet one facet. */
@@ -67,13 +63,22 @@ static void gather_rays(const FrameState *state, const RayBlock *rays, int objec
     }
     const float *corners = mesh->corners + 9 * (size_t)triangle;
     set_triangle(queries, lanes, vec3(corners), vec3(corners + 3), vec3(corners + 6));
-    for (; lanes; lanes &= lanes - 1) {
-        int lane = __builtin_ctz(lanes);
-        if (state->frame->num_poses == 1)
-            move_to_resting_object(state->frame->object_poses + object - 1, lane, queries, points,
-                                   normal);
-        else
-            move_to_object(state, object - 1, rays->time[lane], lane, queries, points, normal);
+    /* A dynamic object's mesh is committed in a frame of its own: the rays are moved, not the mesh. */
+    Placed placed;
+    Vec3 turned = {0, 0, 0};
+    int lane_before = 0;
+    for (uint32_t left = lanes; left; left &= left - 1) {
+        int lane = __builtin_ctz(left);
+        if (left == lanes || rays->time[lane] != rays->time[lane_before]) {
+            place_object(state->frame, object, rays->time[lane], &placed);
+            turned = place_normal(state->frame, &placed, vec3(normal));
+        }
+        lane_before = lane;
+        Vec3 from_object = subtract(get_lane(queries->origin, lane), vec3(placed.pose.translation));
+        Vec3 direction = get_lane(queries->direction, lane);
+        set_lane(queries->origin, lane, rotate_back(placed.normals_matrix, from_object));
+        set_lane(queries->direction, lane, rotate_back(placed.normals_matrix, direction));
+        set_lane(points->normal, lane, turned);
     }
 }
 
@@ -127,14 +132,9 @@ Vec3 turn_normal(const FrameState *state, int object, float time, Vec3 normal) {
     const Frame *frame = state->frame;
     if (object == OBJECT_STATIC)
         return normal;
-    const Pose *poses = frame->object_poses + object - 1;
-    if (frame->num_poses == 1)
-        return rotate(poses->rotation, normal);
-    Pose pose;
-    float normals_matrix[9];
-    pose_at(poses, frame->num_poses, frame->num_objects, time, &pose);
-    invert_transposed(pose.rotation, normals_matrix);
-    return turn_by(normals_matrix, normal);
+    Placed placed;
+    place_object(frame, object, time, &placed);
+    return place_normal(frame, &placed, normal);
 }
 
 void find_hit_points(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
