@@ -764,6 +764,23 @@ static int gather_cells(const FrameState *state, int tile, int cells,
     return cells;
 }
 
+/* Memory is slow to deliver samples: of the tiles below the next ones, which no tile before read. */
+static void fetch_samples(const FrameState *state, int tile) {
+    enum { TILES_AHEAD = 2, LINE = 16 };
+    const BlurPlan *plan = state->plan;
+    int columns = state->rays->tile_columns;
+    if (!plan->samples.radiance || tile + TILES_AHEAD >= state->rays->num_tiles)
+        return;
+    int32_t number = state->rays->tiles[tile + TILES_AHEAD] + columns + 1;
+    int32_t below = number < state->view->tile_rows * columns ? state->view->tile_at[number] : -1;
+    for (int i = 0; below >= 0 && i < CHANNELS; i++) {
+        size_t first = (size_t)below * CHANNELS + (size_t)i;
+        __builtin_prefetch(plan->means + first * BLOCK_RAYS);
+        for (int line = 0; line < 4; line++)
+            __builtin_prefetch(plan->samples.radiance + (4 * first + (size_t)line) * LINE);
+    }
+}
+
 void choose_cells(const FrameState *state, int tile) {
     uint8_t *mask = state->plan->masks + state->rays->tiles[tile];
     int reach = *mask / NEAR;
@@ -771,6 +788,7 @@ void choose_cells(const FrameState *state, int tile) {
     float bounds[CELLS * CELLS] = {0};
     int32_t tiles[TILES_AROUND];
     *mask %= NEAR;
+    fetch_samples(state, tile);
     /* A single sample misses what is thinner than a pixel: all that is farther counts, too. */
     if (!*mask || !reach || state->rays->samples < 2 ||
         !find_around(state, state->rays->tiles[tile], tiles))
