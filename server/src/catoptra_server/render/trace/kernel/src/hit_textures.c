@@ -200,8 +200,8 @@ void mix_textures(const PlacedTexels *placed, float colours[3][BLOCK_RAYS]) {
     }
 }
 
-void read_hit_textures(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                       const SurfaceBlock *surface, float colours[3][BLOCK_RAYS]) {
+void place_hit_textures(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                        const SurfaceBlock *surface, PlacedTexels *placed) {
     TexturePoints points;
     TextureChoice from = {.common = NULL};
     find_texture_points(state, rays, hits, surface, &points);
@@ -211,7 +211,5 @@ void read_hit_textures(const FrameState *state, const RayBlock *rays, const HitB
         from.own[lane] = texture_of_facet(state, hits->object[lane], hits->triangle[lane]);
         from.is_special |= from.own[lane]->sampling;
     }
-    PlacedTexels placed;
-    place_textures(&from, &points, surface->textured, &placed);
-    mix_textures(&placed, colours);
+    place_textures(&from, &points, surface->textured, placed);
 }

@@ -35,8 +35,8 @@ void place_textures(const TextureChoice *from, const TexturePoints *points, uint
 /* Colours, (3, 16), of these rays; white for the others. */
 void mix_textures(const PlacedTexels *placed, float colours[3][BLOCK_RAYS]);
 
-/* Colours, (3, 16), of the textured rays; white for the others. */
-void read_hit_textures(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
-                       const SurfaceBlock *surface, float colours[3][BLOCK_RAYS]);
+/* Find the texels of the textured rays, likewise. */
+void place_hit_textures(const FrameState *state, const RayBlock *rays, const HitBlock *hits,
+                        const SurfaceBlock *surface, PlacedTexels *placed);
 
 #endif

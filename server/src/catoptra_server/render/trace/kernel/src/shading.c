@@ -379,6 +379,12 @@ void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *
     } else {
         begin_surfaces(state, rays, hits, &surface, radiance);
     }
+    /* The lights take as long as memory. */
+    PlacedTexels placed;
+    if (surface.textured && is_plane)
+        place_plane_texels(state, triangle, &plane, rays, &placed);
+    else if (surface.textured)
+        place_hit_textures(state, rays, hits, &surface, &placed);
     /* Before any other light is added. */
     hide_sky(state, surface.dim, surface.coloured, rays, hits, radiance);
     if (surface.lit)
@@ -386,12 +392,10 @@ void shade_block(const FrameState *state, const RayBlock *rays, const HitBlock *
     for (int light = 0; surface.lit && light < state->scene->num_lights; light++)
         add_light(state, light, rays, hits, &surface, radiance, lost);
     float texels[3][BLOCK_RAYS];
-    if (surface.textured && is_plane)
-        texture_block(state, triangle, &plane, rays, (Vec3){1, 1, 1}, texels);
-    else if (surface.textured)
-        read_hit_textures(state, rays, hits, &surface, texels);
-    if (surface.textured)
+    if (surface.textured) {
+        mix_textures(&placed, texels);
         multiply_block(radiance, texels);
+    }
     if (surface.textured && lost && lost->rays)
         multiply_block(lost->radiance, texels);
     add_emission(state, hits, surface.emissive, radiance);
