@@ -18,9 +18,9 @@
 /* The steepest part of the sRGB curve, and the factor of x^(-7/12) in the slope of the rest. */
 #define STEEPEST 12.92f
 #define SLOPE 0.4396f
-#ifndef FAINT_SHARE_INV
-#define FAINT_SHARE_INV 2.0f
-#endif
+/* Of the light that nobody misses in what is lit by the sky alone, which no lamp may exceed that is
+ * left to rays. */
+#define FAINT_PART 0.5f
 
 /* A light as 16 points see it. */
 typedef struct {
@@ -130,65 +130,66 @@ int sees_all_lights(const FrameState *state, const RayBlock *rays, const HitBloc
     return 1;
 }
 
-/* How much light nobody misses in a radiance x: see allow_unseen. */
-static float allow_light(const FrameState *state, float radiance) {
-    float gain = state->frame->largest_gain, x = fminf(gain * radiance, 1.0f);
-    float root = sqrtf(x), curved = root * sqrtf(sqrtf(root)) * (1.0f / SLOPE);
-    return UNSEEN_PART * state->frame->limits.plain_change / (255.0f * gain) *
-           fmaxf(curved, 1.0f / STEEPEST);
-}
-
-uint32_t find_faint_lamps(const FrameState *state, int32_t triangle, const Vec3 corners[4],
-                          uint32_t others) {
-    const Frame *frame = state->frame;
-    const MeshArrays *mesh = &state->scene->mesh->arrays;
-    uint32_t found = 0;
-    if (!(frame->has_shadows && frame->measures_shadows && frame->limits.plain_change > 0.0f))
-        return 0;
-    Vec3 albedo = vec3(mesh->albedo + 3 * (size_t)triangle);
-    Vec3 ambient = vec3(state->scene->ambient_radiance + 3 * (size_t)triangle);
-    Vec3 middle = scale(0.25f, add(add(corners[0], corners[1]), add(corners[2], corners[3])));
-    float radius = 0.0f;
-    for (int i = 0; i < 4; i++) {
-        Vec3 to = subtract(corners[i], middle);
-        radius = fmaxf(radius, sqrtf(dot(to, to)));
-    }
-    for (int number = 0; number < state->scene->num_lights && number < 32; number++) {
-        const Light *light = &state->scene->lights[number];
-        if (others >> number & 1 || light->kind != LIGHT_POINT)
-            continue;
-        Vec3 to = subtract(vec3(light->vector), middle);
-        float height = find_incidence(state, light, triangle);
-        float distance = fmaxf(fmaxf(sqrtf(dot(to, to)) - radius, height), 0.1f);
-        float factor = height / (distance * distance * distance);
-        Vec3 seen = scale(FAINT_SHARE_INV * factor, multiply(albedo, vec3(light->intensity)));
-        if (height > 0.0f && seen.x <= allow_light(state, ambient.x) &&
-            seen.y <= allow_light(state, ambient.y) && seen.z <= allow_light(state, ambient.z))
-            found |= 1u << number;
-    }
-    return found;
+static int may_skip_lamps(const Frame *frame) {
+    return frame->has_shadows && frame->measures_shadows && frame->limits.plain_change > 0.0f;
 }
 
 /* The curve is concave: light s changes x by at most its slope there times s; x^(5/8) is less than
  * x^(7/12). What is allowed is concave in x, up to white: so it holds for means of samples, for any
  * smaller gain, and behind any texture. */
-static void allow_unseen(const FrameState *state, SurfaceBlock *surface) {
-    const Frame *frame = state->frame;
-    int is_any = frame->has_shadows && frame->measures_shadows && frame->limits.plain_change > 0.0f;
-    float gain = frame->largest_gain;
+static inline float allow_light(const Frame *frame, float radiance) {
+    float gain = frame->largest_gain, x = gain * radiance;
     float share = UNSEEN_PART * frame->limits.plain_change / (255.0f * gain);
+    x = x > 0.0f ? x < 1.0f ? x : 1.0f : 0.0f;
+    float root = __builtin_sqrtf(x), eighth = __builtin_sqrtf(__builtin_sqrtf(root));
+    float curved = root * eighth * (1.0f / SLOPE);
+    return share * (curved > 1.0f / STEEPEST ? curved : 1.0f / STEEPEST);
+}
+
+static void allow_unseen(const FrameState *state, SurfaceBlock *surface) {
+    int is_any = may_skip_lamps(state->frame);
     surface->has_allowed = 1;
     if (!is_any)
         memset(surface->unseen, 0, sizeof surface->unseen);
     for (int channel = 0; is_any && channel < 3; channel++)
-        for (int i = 0; i < BLOCK_RAYS; i++) {
-            float x = gain * surface->unseen[channel][i];
-            x = x > 0.0f ? x < 1.0f ? x : 1.0f : 0.0f;
-            float root = __builtin_sqrtf(x), eighth = __builtin_sqrtf(__builtin_sqrtf(root));
-            float curved = root * eighth * (1.0f / SLOPE);
-            surface->unseen[channel][i] =
-                share * (curved > 1.0f / STEEPEST ? curved : 1.0f / STEEPEST);
-        }
+        for (int i = 0; i < BLOCK_RAYS; i++)
+            surface->unseen[channel][i] = allow_light(state->frame, surface->unseen[channel][i]);
+}
+
+/* Bound of the light of a lamp on the part of a plane between four points, by how high it is above
+ * the plane and how near to the points. */
+static Vec3 bound_lamp(const FrameState *state, const Light *lamp, int32_t triangle,
+                       const Vec3 corners[4]) {
+    Vec3 middle = scale(0.25f, add(add(corners[0], corners[1]), add(corners[2], corners[3])));
+    Vec3 to_lamp = subtract(vec3(lamp->vector), middle);
+    float height = find_incidence(state, lamp, triangle), radius = 0.0f;
+    for (int i = 0; i < 4; i++) {
+        Vec3 to_corner = subtract(corners[i], middle);
+        radius = fmaxf(radius, dot(to_corner, to_corner));
+    }
+    float distance = fmaxf(sqrtf(dot(to_lamp, to_lamp)) - sqrtf(radius), height);
+    float factor = height / (distance * distance * distance);
+    Vec3 albedo = vec3(state->scene->mesh->arrays.albedo + 3 * (size_t)triangle);
+    return scale(factor, multiply(albedo, vec3(lamp->intensity)));
+}
+
+uint32_t find_faint_lamps(const FrameState *state, int32_t triangle, const Vec3 corners[4],
+                          uint32_t others) {
+    Vec3 ambient = vec3(state->scene->ambient_radiance + 3 * (size_t)triangle);
+    uint32_t found = 0;
+    if (!state->has_point_lights || !may_skip_lamps(state->frame))
+        return 0;
+    Vec3 limit = scale(FAINT_PART, (Vec3){allow_light(state->frame, ambient.x),
+                                          allow_light(state->frame, ambient.y),
+                                          allow_light(state->frame, ambient.z)});
+    for (int number = 0; number < state->scene->num_lights && number < 32; number++) {
+        const Light *light = &state->scene->lights[number];
+        if (others >> number & 1 || light->kind != LIGHT_POINT)
+            continue;
+        Vec3 bound = bound_lamp(state, light, triangle, corners);
+        found |= (uint32_t)(bound.x <= limit.x && bound.y <= limit.y && bound.z <= limit.z) << number;
+    }
+    return found;
 }
 
 /* Rays whose light from a lamp nobody misses; it is taken from what they are allowed. */
