@@ -39,6 +39,19 @@ void rigid_pose_at(const Pose *poses, int count, int stride, float time, Pose *p
     memcpy(pose->rotation, rows, sizeof rows);
 }
 
+Placement place_object(const Frame *frame, int32_t object, float time) {
+    Placement placement;
+    Pose pose;
+    pose_at(frame->object_poses + object, frame->num_poses, frame->num_objects, time, &pose);
+    memcpy(placement.offset, pose.translation, sizeof placement.offset);
+    /* A rotation's inverse is its transpose, and keeps lengths. */
+    if (frame->num_poses > 1)
+        invert_transposed(pose.rotation, placement.inverse_transposed);
+    else
+        memcpy(placement.inverse_transposed, pose.rotation, sizeof pose.rotation);
+    return placement;
+}
+
 void object_pose(const FrameState *state, int object, Pose *pose) {
     const Frame *frame = state->frame;
     rigid_pose_at(frame->object_poses + object, frame->num_poses, frame->num_objects, state->time,

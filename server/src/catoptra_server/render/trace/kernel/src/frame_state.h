@@ -85,6 +85,15 @@ void pose_at(const Pose *poses, int count, int stride, float time, Pose *pose);
 /* The same as a rotation: of rays, whose directions stay unit vectors. */
 void rigid_pose_at(const Pose *poses, int count, int stride, float time, Pose *pose);
 
+/* Where a dynamic object is: what is subtracted from points before they are turned back, and the
+ * inverse of its matrix, transposed. The entries between two rotations make no rotation. */
+typedef struct {
+    float offset[3], inverse_transposed[9];
+} Placement;
+
+/* The placement of an object, from 0 on, at a time. */
+Placement place_object(const Frame *frame, int32_t object, float time);
+
 /* Pose of an object, from 0 on, at the state's time. */
 void object_pose(const FrameState *state, int object, Pose *pose);
 

@@ -22,32 +22,11 @@ static void set_triangle(PlaneQueries *queries, uint32_t lanes, Vec3 first, Vec3
     set_lanes(queries->edge_v, lanes, subtract(third, first));
 }
 
-static Vec3 turn_by(const float normals_matrix[9], Vec3 normal) {
-    Vec3 turned = rotate(normals_matrix, normal);
-    float length = sqrtf(dot(turned, turned));
+/* A facet's normal where its object is. */
+static Vec3 place_normal(const Frame *frame, const Placement *placement, Vec3 normal) {
+    Vec3 turned = rotate(placement->inverse_transposed, normal);
+    float length = frame->num_poses > 1 ? sqrtf(dot(turned, turned)) : 0.0f;
     return length > 0.0f ? scale(1.0f / length, turned) : turned;
-}
-
-/* An object at a time; what its normals are multiplied by. */
-typedef struct {
-    Pose pose;
-    float normals_matrix[9];
-} Placed;
-
-static void place_object(const Frame *frame, int object, float time, Placed *placed) {
-    const Pose *poses = frame->object_poses + object - 1;
-    pose_at(poses, frame->num_poses, frame->num_objects, time, &placed->pose);
-    /* A rotation's inverse is its transpose, and keeps lengths. The entries between two rotations
-     * make no rotation. */
-    if (frame->num_poses == 1)
-        memcpy(placed->normals_matrix, placed->pose.rotation, sizeof placed->normals_matrix);
-    else
-        invert_transposed(placed->pose.rotation, placed->normals_matrix);
-}
-
-static Vec3 place_normal(const Frame *frame, const Placed *placed, Vec3 normal) {
-    return frame->num_poses == 1 ? rotate(placed->pose.rotation, normal)
-                                 : turn_by(placed->normals_matrix, normal);
 }
 
 /* Set the queries of some rays that meet one facet. */
@@ -64,20 +43,20 @@ static void gather_rays(const FrameState *state, const RayBlock *rays, int objec
     const float *corners = mesh->corners + 9 * (size_t)triangle;
     set_triangle(queries, lanes, vec3(corners), vec3(corners + 3), vec3(corners + 6));
     /* A dynamic object's mesh is committed in a frame of its own: the rays are moved, not the mesh. */
-    Placed placed;
+    Placement placement;
     Vec3 turned = {0, 0, 0};
     int lane_before = 0;
     for (uint32_t left = lanes; left; left &= left - 1) {
         int lane = __builtin_ctz(left);
         if (left == lanes || rays->time[lane] != rays->time[lane_before]) {
-            place_object(state->frame, object, rays->time[lane], &placed);
-            turned = place_normal(state->frame, &placed, vec3(normal));
+            placement = place_object(state->frame, object - 1, rays->time[lane]);
+            turned = place_normal(state->frame, &placement, vec3(normal));
         }
         lane_before = lane;
-        Vec3 from_object = subtract(get_lane(queries->origin, lane), vec3(placed.pose.translation));
+        Vec3 from_object = subtract(get_lane(queries->origin, lane), vec3(placement.offset));
         Vec3 direction = get_lane(queries->direction, lane);
-        set_lane(queries->origin, lane, rotate_back(placed.normals_matrix, from_object));
-        set_lane(queries->direction, lane, rotate_back(placed.normals_matrix, direction));
+        set_lane(queries->origin, lane, rotate_back(placement.inverse_transposed, from_object));
+        set_lane(queries->direction, lane, rotate_back(placement.inverse_transposed, direction));
         set_lane(points->normal, lane, turned);
     }
 }
@@ -132,9 +111,8 @@ Vec3 turn_normal(const FrameState *state, int object, float time, Vec3 normal) {
     const Frame *frame = state->frame;
     if (object == OBJECT_STATIC)
         return normal;
-    Placed placed;
-    place_object(frame, object, time, &placed);
-    return place_normal(frame, &placed, normal);
+    Placement placement = place_object(frame, object - 1, time);
+    return place_normal(frame, &placement, normal);
 }
 
 void find_hit_points(const FrameState *state, const RayBlock *rays, const HitBlock *hits,

@@ -90,24 +90,6 @@ const BvhNode *object_nodes(const FrameState *state) {
     return state->objects ? state->objects->nodes : NULL;
 }
 
-/* A pose and the inverse of its matrix, transposed, at a ray's time. The entries between two
- * rotations make no rotation. */
-typedef struct {
-    float offset[3], inverse_transposed[9];
-} Placement;
-
-static Placement place_object(const Frame *frame, int32_t object, float time) {
-    Placement placement;
-    Pose pose;
-    pose_at(frame->object_poses + object, frame->num_poses, frame->num_objects, time, &pose);
-    memcpy(placement.offset, pose.translation, sizeof placement.offset);
-    if (frame->num_poses > 1)
-        invert_transposed(pose.rotation, placement.inverse_transposed);
-    else
-        memcpy(placement.inverse_transposed, pose.rotation, sizeof pose.rotation);
-    return placement;
-}
-
 /* Rays of a mask in the frame of a placed object. */
 static void place_rays(const RayBlock *rays, const Placement *placement, Ints16 mask,
                        RayBlock *moved) {
