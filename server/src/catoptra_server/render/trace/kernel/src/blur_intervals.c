@@ -4,6 +4,7 @@
  * Threads: any thread of the pool, each for tiles of its own. */
 #include "blur_intervals.h"
 
+#include "body_shade.h"
 #include "measures.h"
 #include "occlusion.h"
 #include "pixels.h"
@@ -160,7 +161,8 @@ static void light_triangle(int tile, MovingScene *scene, MovingTriangle *moving)
     moving->is_occluded = 0;
     LightProof proof = {0, 0};
     int is_unlit = state->frame->has_shadows && !are_lights_known(state, triangle, &proof);
-    if (is_unlit || (moving->is_constant && is_occluded)) {
+    int may_shade = moving->is_constant && state->frame->shades;
+    if (is_unlit || may_shade || (moving->is_constant && is_occluded)) {
         Vec3 corners[4];
         Box box = enclose_visible(state, tile, triangle);
         find_plane_corners(state, &box, triangle, corners);
@@ -168,6 +170,9 @@ static void light_triangle(int tile, MovingScene *scene, MovingTriangle *moving)
             proof = prove_lights(state, triangle, corners, 0);
         if (is_occluded)
             moving->is_occluded = find_sky_view(state->scene, triangle, corners) != SKY_OPEN;
+        /* What a body takes of baked light, rays find. */
+        if (may_shade && may_be_shaded(state, corners))
+            moving->is_constant = 0;
     }
     PlaneLight light = {.radiance = {0, 0, 0}};
     moving->is_constant = moving->is_constant && find_light_beside_lamps(state, triangle, proof,
