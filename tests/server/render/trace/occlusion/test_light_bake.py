@@ -38,7 +38,7 @@ from catoptra_server.render.trace.occlusion.occlusion_cache import (
 from catoptra_server.render.trace.ray_caster import commit_ray_caster
 from catoptra_server.render.trace.ray_table import omni_ray_table
 from catoptra_server.render.trace.trace_engine import TraceRequest
-from catoptra_server.world.objects import CameraState
+from catoptra_server.world.objects import CameraState, Shutter
 from catoptra_server.world.scene_mesh import SceneMesh, build_scene
 from catoptra_server.world.shading import box_form_factors, facet_irradiance
 from catoptra_server.world.world_description import (
@@ -47,6 +47,7 @@ from catoptra_server.world.world_description import (
     HemisphereLight,
     Item,
     Material,
+    Rectangle,
     RectangleLight,
     SphereBand,
     SurfaceGloss,
@@ -55,6 +56,7 @@ from catoptra_server.world.world_description import (
 )
 from helpers.dynamic_objects import SMOOTH_ROBOTS, TWO_ROBOTS
 from helpers.image_comparison import level_differences
+from helpers.motion_reference import average_frames, driving_camera_state
 from helpers.opengl import device_or_skip
 from helpers.trace_engines import ENGINES, open_engine
 from helpers.trace_kernels import make_omni_table, open_kernel, render_filled_and_traced
@@ -249,6 +251,31 @@ def test_robots_shade_the_floor_in_both_engines_and_filled_tiles() -> None:
     assert change.largest <= stated.largest < 255.0
     (bound,) = (one.bound for one in decide(scene, world, state) if one.effect == "BakedLight")
     assert stated.largest <= bound
+
+
+def test_robot_shades_a_floor_of_facets_at_every_instant() -> None:
+    bright = Material((0.9, 0.9, 0.9))
+    lines = tuple(
+        Item(f"line {i}", Rectangle((4.0, 0.05)), Pose.from_rpy((0.0, 0.15 * i, -1e-3)), bright)
+        for i in range(-8, 9)
+    )
+    world = World("lines", SIX_WALLS[1:2] + lines, lights=(HEMISPHERE_LIGHT,))
+    scene = build_scene(world)
+    scene, world = bake_light(scene, world, 2, threads=2).apply(scene, world)
+    start = Pose.from_rpy((0.1, 0.05, -0.1457))
+    above = start @ Pose.from_rpy((0.0, 0.0, -0.6))
+    state = driving_camera_state(above, 0.5, 30.0)
+    robot = replace(TWO_ROBOTS[0], world_from_object=start, twist=state.twist)
+    state = replace(state, objects=(robot,))
+    exposed = replace(state, shutter=Shutter(1.0 / 30.0, 0.0, 64.0))
+    request = TraceRequest(is_linear=True, thresholds={"MotionBlur": Threshold(0.5)})
+    with open_kernel(world, scene=scene) as engine:
+        rays = engine.prepare(make_omni_table(width_px=240, samples=2))
+        blurred = rays.render(exposed, request).image
+        mean = average_frames(rays, state, 1.0 / 30.0, 32)
+    differences = level_differences(*map(encode_linear, (blurred, mean)))
+    assert np.percentile(differences, 99.5) <= 2
+    assert np.percentile(differences, 99.9) <= 4
 
 
 def encode_linear(light: Floats) -> Floats:
