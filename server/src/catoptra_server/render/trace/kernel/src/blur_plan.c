@@ -743,7 +743,8 @@ static int gather_cells(const FrameState *state, int tile, int cells,
         store16(load16(means[channel]) + load16(doubts[channel]), doubts[channel]);
         find_level_changes(&plan->counted, means[channel], doubts[channel], changes);
         /* What is not a number is not sure, either. */
-        is_sure &= (load16(changes) <= tolerance) & (load16(doubts[channel]) == load16(doubts[channel]));
+        is_sure &= load16(changes) <= tolerance;
+        is_sure &= load16(doubts[channel]) == load16(doubts[channel]);
     }
     uint32_t doubtful = bits16(~is_sure), gathered = 0;
     for (int cell = 0; cell < CELLS * CELLS; cell++) {

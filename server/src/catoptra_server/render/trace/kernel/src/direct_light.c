@@ -187,7 +187,8 @@ uint32_t find_faint_lamps(const FrameState *state, int32_t triangle, const Vec3 
         if (others >> number & 1 || light->kind != LIGHT_POINT)
             continue;
         Vec3 bound = bound_lamp(state, light, triangle, corners);
-        found |= (uint32_t)(bound.x <= limit.x && bound.y <= limit.y && bound.z <= limit.z) << number;
+        int is_faint = bound.x <= limit.x && bound.y <= limit.y && bound.z <= limit.z;
+        found |= (uint32_t)is_faint << number;
     }
     return found;
 }

@@ -42,7 +42,7 @@ static void gather_rays(const FrameState *state, const RayBlock *rays, int objec
     }
     const float *corners = mesh->corners + 9 * (size_t)triangle;
     set_triangle(queries, lanes, vec3(corners), vec3(corners + 3), vec3(corners + 6));
-    /* A dynamic object's mesh is committed in a frame of its own: the rays are moved, not the mesh. */
+    /* A dynamic object's mesh is committed in a frame of its own: rays are moved, not the mesh. */
     Placement placement;
     Vec3 turned = {0, 0, 0};
     int lane_before = 0;

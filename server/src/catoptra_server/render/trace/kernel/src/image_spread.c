@@ -170,11 +170,11 @@ static void measure_spill(const Pass *pass, const Cell *cell, int first, int las
 
 static void measure_spills(const Pass *pass, const Cell *cell, int first, int last,
                            const CellValues *light, const Floats16 overflow[3][CELL_ROWS]) {
+    if (!pass->changes)
+        return;
     float low = pass->ranges[cell->row * pass->cell_columns + cell->column].low;
     /* What the darkest pixel can change by before it is white, whatever it receives. */
     float most = 255.0f - grey_levels((Floats16){pass->stage->least_gain * low})[0];
-    if (!pass->changes)
-        return;
     for (Changes *one = pass->changes; one < changes_of(pass, pass->stage); one++)
         if (one->own.maps.excess &&
             (most + 1e-2f > read_largest(&one->spilt) ||
